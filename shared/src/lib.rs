@@ -1,2 +1,24 @@
 //! What both processors share: buffer layouts and the mathematics of every pass.
+//!
+//! Everything here compiles for the host and, through rust-gpu, for SPIR-V, from the same source. Buffers are
+//! slices of `u32`, `f32` and 16-byte vectors; there are no pointers into them, only indices.
 #![cfg_attr(target_arch = "spirv", no_std)]
+
+pub mod alias;
+pub mod bsdf;
+pub mod bvh;
+pub mod camera;
+pub mod environment;
+pub mod frame;
+pub mod light;
+pub mod moments;
+pub mod numerics;
+pub mod octahedral;
+pub mod ray;
+pub mod reservoir;
+pub mod rng;
+pub mod scene;
+pub mod surface;
+pub mod texture;
+pub mod tonemap;
+pub mod triangle;

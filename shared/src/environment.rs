@@ -1,0 +1,113 @@
+//! Light from infinitely far away: an equirectangular map, looked up bilinearly and sampled by an alias table over
+//! its texels.
+
+use core::f32::consts::{FRAC_1_PI, PI, TAU};
+use glam::Vec3;
+
+use crate::{
+    alias,
+    frame::Frame,
+    numerics::{atan2, floor, load, min, sin_cos, sqrt},
+    scene::Scene,
+};
+
+/// World direction of the point (x, y) of the map, in texels, and the solid angle of a texel there.
+#[inline(always)]
+fn direction_at(frame: &Frame, x: f32, y: f32) -> (Vec3, f32) {
+    let (width, height) = (frame.environment_width as f32, frame.environment_height as f32);
+    let (sin_phi, cos_phi) = sin_cos((x / width - 0.5) * TAU);
+    let (sin_theta, cos_theta) = sin_cos(y / height * PI);
+    // Map space: the middle column is -z, the right half +x.
+    let (mx, mz) = (sin_theta * sin_phi, -sin_theta * cos_phi);
+    let direction = Vec3::new(
+        frame.environment_cos * mx + frame.environment_sin * mz,
+        cos_theta,
+        frame.environment_cos * mz - frame.environment_sin * mx,
+    );
+    (direction, (TAU / width) * (PI / height) * sin_theta)
+}
+
+#[inline(always)]
+fn texel(frame: &Frame, scene: &Scene, x: u32, y: u32) -> Vec3 {
+    let at = frame.environment_texels_at + (y * frame.environment_width + x) * 3;
+    let float = |i: u32| f32::from_bits(load(scene.texels, at + i));
+    Vec3::new(float(0), float(1), float(2))
+}
+
+/// Radiance at the point (x, y) of the map, in texels; repeats in x, clamps in y.
+#[inline(always)]
+fn radiance_at(frame: &Frame, scene: &Scene, x: f32, y: f32) -> Vec3 {
+    let (width, height) = (frame.environment_width, frame.environment_height);
+    let (px, py) = (x - 0.5, y - 0.5);
+    let (wx, wy) = (floor(px), floor(py));
+    let (fx, fy) = (px - wx, py - wy);
+    let x0 = if wx < 0.0 { width - 1 } else { (wx as u32).min(width - 1) };
+    let x1 = if x0 + 1 == width { 0 } else { x0 + 1 };
+    let y0 = if wy < 0.0 { 0 } else { (wy as u32).min(height - 1) };
+    let y1 = if wy < 0.0 { 0 } else { (y0 + 1).min(height - 1) };
+    let top = texel(frame, scene, x0, y0) * (1.0 - fx) + texel(frame, scene, x1, y0) * fx;
+    let bottom = texel(frame, scene, x0, y1) * (1.0 - fx) + texel(frame, scene, x1, y1) * fx;
+    (top * (1.0 - fy) + bottom * fy) * frame.environment_scale
+}
+
+/// Radiance from `direction` (of length 1), in W sr^-1 m^-2.
+#[inline(always)]
+pub fn radiance(frame: &Frame, scene: &Scene, direction: Vec3) -> Vec3 {
+    let mx = frame.environment_cos * direction.x - frame.environment_sin * direction.z;
+    let mz = frame.environment_cos * direction.z + frame.environment_sin * direction.x;
+    let horizontal = sqrt(mx * mx + mz * mz);
+    let x = (atan2(mx, -mz) * (0.5 * FRAC_1_PI) + 0.5) * frame.environment_width as f32;
+    let y = atan2(horizontal, direction.y) * FRAC_1_PI * frame.environment_height as f32;
+    radiance_at(frame, scene, min(x, frame.environment_width as f32), y)
+}
+
+/// A point of the environment.
+#[derive(Clone, Copy)]
+pub struct EnvironmentSample {
+    /// Toward the light, of length 1.
+    pub direction: Vec3,
+    /// In W sr^-1 m^-2.
+    pub radiance: Vec3,
+    /// Solid angle for the texel's unit square, in sr: the Jacobian of (u, v).
+    pub solid_angle: f32,
+}
+
+/// The point (u, v), both in 0..1, of texel number `index`.
+#[inline(always)]
+pub fn evaluate(frame: &Frame, scene: &Scene, index: u32, u: f32, v: f32) -> EnvironmentSample {
+    let row = index / frame.environment_width;
+    let x = (index - row * frame.environment_width) as f32 + u;
+    let y = row as f32 + v;
+    let (direction, solid_angle) = direction_at(frame, x, y);
+    EnvironmentSample { direction, radiance: radiance_at(frame, scene, x, y), solid_angle }
+}
+
+/// A texel by its power, with its probability.
+#[inline(always)]
+pub fn pick(frame: &Frame, lights: &[u32], first: u32, second: u32) -> alias::Pick {
+    let count = frame.environment_width * frame.environment_height;
+    alias::pick(lights, frame.environment_table_at, count, first, second)
+}
+
+/// Weight of each texel in the alias table: luminance-like mean of the bilinear lookup over the texel, times the
+/// solid angle. Positive wherever the lookup is positive anywhere in the texel.
+#[cfg(not(target_arch = "spirv"))]
+pub fn texel_weights(width: u32, height: u32, texels: &[[f32; 3]]) -> std::vec::Vec<f64> {
+    let value = |x: i64, y: i64| {
+        let x = x.rem_euclid(i64::from(width)) as usize;
+        let y = y.clamp(0, i64::from(height) - 1) as usize;
+        let t = texels[y * width as usize + x];
+        f64::from(t[0]) + f64::from(t[1]) + f64::from(t[2])
+    };
+    let mut weights = std::vec::Vec::with_capacity(texels.len());
+    for y in 0..i64::from(height) {
+        let theta = |row: i64| row as f64 / f64::from(height) * core::f64::consts::PI;
+        let solid_angle = theta(y).cos() - theta(y + 1).cos();
+        for x in 0..i64::from(width) {
+            // The integral of the bilinear interpolation over one texel.
+            let row = |y: i64| (value(x - 1, y) + 6.0 * value(x, y) + value(x + 1, y)) / 8.0;
+            weights.push((row(y - 1) + 6.0 * row(y) + row(y + 1)) / 8.0 * solid_angle);
+        }
+    }
+    weights
+}

@@ -1,0 +1,108 @@
+//! Display: exposure, a tone curve, the sRGB encoding, eight bits.
+
+use glam::Vec3;
+
+use crate::numerics::{clamp, log2, max, pow};
+
+/// Tone curves, by the number that selects a variant of the pass.
+pub mod curve {
+    /// Only clips to 0..=1.
+    pub const CLIP: u32 = 0;
+    /// Reinhard et al. 2002 on each channel: x / (1 + x).
+    pub const REINHARD: u32 = 1;
+    /// The fit of the ACES reference by Narkowicz 2015.
+    pub const ACES: u32 = 2;
+    /// AgX of Sobotka, in the polynomial form of Wrensch 2023.
+    pub const AGX: u32 = 3;
+}
+
+/// Radiance times exposure to a display-referred linear colour in 0..=1.
+#[inline(always)]
+pub fn tone_map<const CURVE: u32>(radiance: Vec3) -> Vec3 {
+    let x = Vec3::new(max(radiance.x, 0.0), max(radiance.y, 0.0), max(radiance.z, 0.0));
+    if CURVE == curve::REINHARD {
+        x / (x + Vec3::ONE)
+    } else if CURVE == curve::ACES {
+        // Large numbers first go to the plateau, so that the squares below stay finite.
+        let channel = |x: f32| {
+            let x = clamp(x, 0.0, 1e4) * 0.6;
+            (x * (2.51 * x + 0.03)) / (x * (2.43 * x + 0.59) + 0.14)
+        };
+        Vec3::new(channel(x.x), channel(x.y), channel(x.z))
+    } else if CURVE == curve::AGX {
+        agx(x)
+    } else {
+        x
+    }
+}
+
+/// AgX: a change of primaries, a logarithm, a sigmoid, and back. Source: Wrensch 2023, "Minimal AgX Implementation".
+fn agx(x: Vec3) -> Vec3 {
+    const MIN_EV: f32 = -12.473_93;
+    const MAX_EV: f32 = 4.026_069;
+    let inset = Vec3::new(0.842_479_06, 0.042_328_24, 0.042_375_654) * x.x
+        + Vec3::new(0.078_433_59, 0.878_468_64, 0.078_433_6) * x.y
+        + Vec3::new(0.079_223_745, 0.079_166_12, 0.879_142_97) * x.z;
+    let curve = |c: f32| {
+        let t = (clamp(log2(max(c, 1e-10)), MIN_EV, MAX_EV) - MIN_EV) / (MAX_EV - MIN_EV);
+        let t2 = t * t;
+        let t4 = t2 * t2;
+        15.5 * t4 * t2 - 40.14 * t4 * t + 31.96 * t4 - 6.868 * t2 * t + 0.4298 * t2 + 0.1191 * t - 0.002_32
+    };
+    let s = Vec3::new(curve(inset.x), curve(inset.y), curve(inset.z));
+    let outset = Vec3::new(1.196_879, -0.052_896_85, -0.052_971_635) * s.x
+        + Vec3::new(-0.098_020_88, 1.151_903_1, -0.098_043_45) * s.y
+        + Vec3::new(-0.099_029_74, -0.098_961_17, 1.151_073_7) * s.z;
+    // The sigmoid works on display values: back to linear, for the encoding that every curve shares.
+    Vec3::new(pow(outset.x, 2.2), pow(outset.y, 2.2), pow(outset.z, 2.2))
+}
+
+/// Linear to sRGB, both in 0..=1. Source: IEC 61966-2-1.
+#[inline(always)]
+fn encode_srgb(linear: f32) -> f32 {
+    let x = clamp(linear, 0.0, 1.0);
+    if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * pow(x, 1.0 / 2.4) - 0.055 }
+}
+
+/// A display-referred linear colour as 8-bit sRGB, red in the low byte, opaque.
+#[inline(always)]
+pub fn pack_srgb(linear: Vec3) -> u32 {
+    let byte = |x: f32| (encode_srgb(x) * 255.0 + 0.5) as u32;
+    byte(linear.x) | (byte(linear.y) << 8) | (byte(linear.z) << 16) | 0xff00_0000
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_curve_is_monotonic_and_stays_within_the_display() {
+        fn check<const CURVE: u32>() {
+            let mut last = 0;
+            for i in 0..=400 {
+                let x = (f64::from(i) / 10.0 - 20.0).exp2() as f32;
+                let packed = pack_srgb(tone_map::<CURVE>(Vec3::splat(x)));
+                assert!((packed & 0xff) >= last, "curve {CURVE} at {x}");
+                last = packed & 0xff;
+            }
+            assert!(last >= 250, "curve {CURVE} must reach white");
+            for bad in [-1.0, 0.0, 1e30] {
+                assert_eq!(pack_srgb(tone_map::<CURVE>(Vec3::splat(bad))) >> 24, 0xff);
+            }
+        }
+        check::<{ curve::CLIP }>();
+        check::<{ curve::REINHARD }>();
+        check::<{ curve::ACES }>();
+        check::<{ curve::AGX }>();
+    }
+
+    #[test]
+    fn the_encoding_matches_the_standard_to_the_nearest_byte() {
+        for i in 0..=4096 {
+            let x = f64::from(i) / 4096.0;
+            let exact = if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
+            let byte = pack_srgb(Vec3::splat(x as f32)) & 0xff;
+            assert!((f64::from(byte) - exact * 255.0).abs() < 0.501, "{x}");
+        }
+    }
+}
