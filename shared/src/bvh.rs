@@ -572,6 +572,6 @@ mod tests {
             hits += expected.count_ones();
             assert_eq!(wide.test(&rows, &ray, t_max), expected, "node {i}");
         }
-        assert!(hits > 100_000, "the comparison must not be one of misses only: {hits}");
+        assert!(hits > 20_000, "the comparison must not be one of misses only: {hits}");
     }
 }

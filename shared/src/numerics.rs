@@ -20,6 +20,20 @@ pub fn load<T: Copy>(buffer: &[T], index: u32) -> T {
     buffer[index as usize]
 }
 
+/// Sets element `index` of `buffer`; as [`load`].
+#[inline(always)]
+pub fn store<T: Copy>(buffer: &mut [T], index: u32, value: T) {
+    #[cfg(target_arch = "spirv")]
+    // SAFETY: entry points guard their index by the size of the frame.
+    unsafe {
+        *buffer.index_unchecked_mut(index as usize) = value;
+    }
+    #[cfg(not(target_arch = "spirv"))]
+    {
+        buffer[index as usize] = value;
+    }
+}
+
 /// Square root.
 #[inline(always)]
 pub fn sqrt(x: f32) -> f32 {

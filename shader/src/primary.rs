@@ -1,0 +1,26 @@
+//! Primary visibility: what the ray of each pixel finds.
+
+use glam::{UVec2, UVec4, Vec4};
+use weir_shared::{
+    bvh::closest_hit, camera::camera_ray, environment, frame::Frame, scene::Scene, surface::Surface,
+    surface::surface_at,
+};
+
+/// The surface of a pixel, and the radiance that it emits toward the camera (in w: 1; 0 for sky).
+///
+/// One ray. Sky: the zero surface, and the radiance of the environment.
+pub fn primary<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
+    px: UVec2,
+    frame: &Frame,
+    scene: &Scene,
+    bvh: &[UVec4],
+) -> (Surface, Vec4) {
+    let ray = camera_ray(px, frame);
+    let hit = closest_hit::<TEXTURES, INSTANCES>(frame, scene, bvh, &ray);
+    if hit.is_miss() {
+        let sky = if ENVIRONMENT { environment::radiance(frame, scene, ray.direction).extend(0.0) } else { Vec4::ZERO };
+        return (Surface::default(), sky);
+    }
+    let found = surface_at::<TEXTURES>(frame, scene, &hit, ray.direction);
+    (found.surface, found.emitted.extend(1.0))
+}

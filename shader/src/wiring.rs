@@ -1,0 +1,361 @@
+//! From a row of the pass table to entry points, kernels and bindings.
+//!
+//! The row
+//!
+//! ```text
+//! shade[SPECULAR](scene, surfaces: [Surface]) -> (color: [Vec4]) = shade::shade;
+//! ```
+//!
+//! becomes, for each combination of its features (here `o`, off, and `x`, on),
+//!
+//! ```text
+//! #[spirv(compute(threads(8, 8)))]
+//! pub fn x(
+//!     #[spirv(global_invocation_id)] id: UVec3,
+//!     #[spirv(uniform, descriptor_set = 0, binding = 0)] frame: &Frame,
+//!     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] triangles: &[f32],   // `scene` is three buffers
+//!     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] records: &[u32],
+//!     #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] texels: &[u32],
+//!     #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] surfaces: &[Surface],
+//!     #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] color: &mut [Vec4],
+//! ) {
+//!     if id.x < frame.width && id.y < frame.height {
+//!         let value = shade::shade::<true>(id.truncate(), frame, &Scene { triangles, records, texels }, surfaces);
+//!         store(color, frame.index_of(id.truncate()), value);
+//!     }
+//! }
+//! ```
+//!
+//! in a module `entry::shade`, a host kernel with the same call in a module `kernel::shade`, and a row of `PASSES`.
+//! Binding numbers are consumed from a list, so they are dense by construction; the same types are checked on both
+//! sides by the call.
+
+/// Declares the passes; see the module's documentation.
+#[macro_export]
+macro_rules! passes {
+    // All rows.
+    ($($name:ident [$($feature:ident)*] ($($input:tt)*) -> ($($output:ident : [$element:ty]),+) = $file:ident :: $function:ident ;)*) => {
+        /// GPU entry points: one module a pass, one function a combination of its features.
+        pub mod entry {
+            $(
+                #[doc = concat!("Entry points of pass `", stringify!($name), "`.")]
+                pub mod $name {
+                    #[allow(unused_imports)]
+                    use $crate::wiring::prelude::*;
+                    $crate::passes!{ @variants entry ($file $function) [$($feature)*] [$($input)*] [$($output : [$element]),+] }
+                }
+            )*
+        }
+
+        /// Host kernels: one module a pass, one function a combination of its features.
+        #[cfg(not(target_arch = "spirv"))]
+        pub mod kernel {
+            $(
+                #[doc = concat!("Kernels of pass `", stringify!($name), "`.")]
+                pub mod $name {
+                    #[allow(unused_imports)]
+                    use $crate::wiring::prelude::*;
+                    $crate::passes!{ @variants kernel ($file $function) [$($feature)*] [$($input)*] [$($output : [$element]),+] }
+                }
+            )*
+        }
+
+        /// Every pass, in the order of the table.
+        #[cfg(not(target_arch = "spirv"))]
+        pub const PASSES: &[$crate::wiring::Pass] = {
+            #[allow(unused_imports)]
+            use $crate::wiring::prelude::*;
+            &[$(
+                $crate::wiring::Pass {
+                    name: stringify!($name),
+                    features: &[$($crate::wiring::Feature::$feature),*],
+                    variants: $crate::passes!(@table $name [$($feature)*]),
+                    bindings: $crate::passes!(@bindings [] [$($input)*] [$($output : [$element]),+]),
+                },
+            )*]
+        };
+    };
+
+    // Feature combinations: `x` is on, `o` is off, in the order of the row.
+    (@variants $kind:ident $f:tt [] $i:tt $o:tt) => {
+        $crate::passes!{ @$kind main $f [] $i $o }
+    };
+    (@variants $kind:ident $f:tt [$a:ident $b:ident $c:ident] $i:tt $o:tt) => {
+        $crate::passes!{ @$kind ooo $f [false, false, false] $i $o }
+        $crate::passes!{ @$kind xoo $f [true, false, false] $i $o }
+        $crate::passes!{ @$kind oxo $f [false, true, false] $i $o }
+        $crate::passes!{ @$kind xxo $f [true, true, false] $i $o }
+        $crate::passes!{ @$kind oox $f [false, false, true] $i $o }
+        $crate::passes!{ @$kind xox $f [true, false, true] $i $o }
+        $crate::passes!{ @$kind oxx $f [false, true, true] $i $o }
+        $crate::passes!{ @$kind xxx $f [true, true, true] $i $o }
+    };
+    (@table $name:ident []) => { &[$crate::passes!(@row $name main)] };
+    (@table $name:ident [$a:ident $b:ident $c:ident]) => {
+        &[
+            $crate::passes!(@row $name ooo), $crate::passes!(@row $name xoo),
+            $crate::passes!(@row $name oxo), $crate::passes!(@row $name xxo),
+            $crate::passes!(@row $name oox), $crate::passes!(@row $name xox),
+            $crate::passes!(@row $name oxx), $crate::passes!(@row $name xxx),
+        ]
+    };
+    (@row $name:ident $variant:ident) => {
+        $crate::wiring::Variant {
+            entry_point: concat!("entry::", stringify!($name), "::", stringify!($variant)),
+            run: kernel::$name::$variant,
+        }
+    };
+
+    // The list of bindings, `scene` expanded.
+    (@bindings [$($done:tt)*] [scene $(, $($rest:tt)*)?] $o:tt) => {
+        $crate::passes!(@bindings [$($done)* (triangles f32) (records u32) (texels u32)] [$($($rest)*)?] $o)
+    };
+    (@bindings [$($done:tt)*] [$name:ident : [$element:ty] $(, $($rest:tt)*)?] $o:tt) => {
+        $crate::passes!(@bindings [$($done)* ($name $element)] [$($($rest)*)?] $o)
+    };
+    (@bindings [$(($input:ident $type:ty))*] [] [$($output:ident : [$element:ty]),+]) => {
+        &[
+            $($crate::wiring::Binding::read::<$type>(stringify!($input)),)*
+            $($crate::wiring::Binding::write::<$element>(stringify!($output)),)+
+        ]
+    };
+
+    // GPU entry point: number the bindings and collect the arguments, then write the function.
+    (@entry $variant:ident $f:tt [$($flag:literal),*] [$($i:tt)*] $o:tt) => {
+        $crate::passes!{ @number $variant $f [$($flag),*] frame [1 2 3 4 5 6 7 8 9 10 11 12] [] [] [$($i)*] $o }
+    };
+    (@number $v:ident $f:tt $g:tt $frame:ident [$n0:literal $n1:literal $n2:literal $($n:literal)*] [$($p:tt)*] [$($a:tt)*] [scene $(, $($rest:tt)*)?] $o:tt) => {
+        $crate::passes!{ @number $v $f $g $frame [$($n)*]
+            [$($p)* ($n0 triangles f32) ($n1 records u32) ($n2 texels u32)]
+            [$($a)* (&Scene { triangles, records, texels })] [$($($rest)*)?] $o }
+    };
+    (@number $v:ident $f:tt $g:tt $frame:ident [$n0:literal $($n:literal)*] [$($p:tt)*] [$($a:tt)*] [$name:ident : [$element:ty] $(, $($rest:tt)*)?] $o:tt) => {
+        $crate::passes!{ @number $v $f $g $frame [$($n)*] [$($p)* ($n0 $name $element)] [$($a)* ($name)] [$($($rest)*)?] $o }
+    };
+    (@number $v:ident ($file:ident $function:ident) [$($flag:literal),*] $frame:ident [$n0:literal $($n:literal)*]
+        [$(($number:literal $param:ident $type:ty))*] [$($argument:tt)*] [] [$output:ident : [$element:ty]]) => {
+        #[spirv(compute(threads(8, 8)))]
+        #[doc = "Entry point."]
+        pub fn $v(
+            #[spirv(global_invocation_id)] id: UVec3,
+            #[spirv(uniform, descriptor_set = 0, binding = 0)] $frame: &Frame,
+            $(#[spirv(storage_buffer, descriptor_set = 0, binding = $number)] $param: &[$type],)*
+            #[spirv(storage_buffer, descriptor_set = 0, binding = $n0)] $output: &mut [$element],
+        ) {
+            let px = id.truncate();
+            if px.x < $frame.width && px.y < $frame.height {
+                let value = $crate::$file::$function::<$($flag),*>(px, $frame, $($argument),*);
+                store($output, $frame.index_of(px), value);
+            }
+        }
+    };
+    (@number $v:ident ($file:ident $function:ident) [$($flag:literal),*] $frame:ident [$n0:literal $n1:literal $($n:literal)*]
+        [$(($number:literal $param:ident $type:ty))*] [$($argument:tt)*] []
+        [$first:ident : [$first_element:ty], $second:ident : [$second_element:ty]]) => {
+        #[spirv(compute(threads(8, 8)))]
+        #[doc = "Entry point."]
+        pub fn $v(
+            #[spirv(global_invocation_id)] id: UVec3,
+            #[spirv(uniform, descriptor_set = 0, binding = 0)] $frame: &Frame,
+            $(#[spirv(storage_buffer, descriptor_set = 0, binding = $number)] $param: &[$type],)*
+            #[spirv(storage_buffer, descriptor_set = 0, binding = $n0)] $first: &mut [$first_element],
+            #[spirv(storage_buffer, descriptor_set = 0, binding = $n1)] $second: &mut [$second_element],
+        ) {
+            let px = id.truncate();
+            if px.x < $frame.width && px.y < $frame.height {
+                let value = $crate::$file::$function::<$($flag),*>(px, $frame, $($argument),*);
+                store($first, $frame.index_of(px), value.0);
+                store($second, $frame.index_of(px), value.1);
+            }
+        }
+    };
+
+    // Host kernel: read the same arguments in the same order, then walk the tiles of a band of rows.
+    (@kernel $variant:ident $f:tt [$($flag:literal),*] [$($i:tt)*] $o:tt) => {
+        $crate::passes!{ @collect $variant $f [$($flag),*] frame [] [] [$($i)*] $o }
+    };
+    (@collect $v:ident $f:tt $g:tt $frame:ident [$($p:tt)*] [$($a:tt)*] [scene $(, $($rest:tt)*)?] $o:tt) => {
+        $crate::passes!{ @collect $v $f $g $frame [$($p)* (triangles f32) (records u32) (texels u32)]
+            [$($a)* (&Scene { triangles, records, texels })] [$($($rest)*)?] $o }
+    };
+    (@collect $v:ident $f:tt $g:tt $frame:ident [$($p:tt)*] [$($a:tt)*] [$name:ident : [$element:ty] $(, $($rest:tt)*)?] $o:tt) => {
+        $crate::passes!{ @collect $v $f $g $frame [$($p)* ($name $element)] [$($a)* ($name)] [$($($rest)*)?] $o }
+    };
+    (@collect $v:ident ($file:ident $function:ident) [$($flag:literal),*] $frame:ident
+        [$(($param:ident $type:ty))*] [$($argument:tt)*] [] [$output:ident : [$element:ty]]) => {
+        #[doc = "Kernel."]
+        pub fn $v($frame: &Frame, band: $crate::wiring::Band, mut buffers: $crate::wiring::Buffers) {
+            $(let $param: &[$type] = buffers.read();)*
+            let $output: &mut [$element] = buffers.write();
+            band.for_each_pixel($frame, |i, px| {
+                $output[i] = $crate::$file::$function::<$($flag),*>(px, $frame, $($argument),*);
+            });
+        }
+    };
+    (@collect $v:ident ($file:ident $function:ident) [$($flag:literal),*] $frame:ident
+        [$(($param:ident $type:ty))*] [$($argument:tt)*] []
+        [$first:ident : [$first_element:ty], $second:ident : [$second_element:ty]]) => {
+        #[doc = "Kernel."]
+        pub fn $v($frame: &Frame, band: $crate::wiring::Band, mut buffers: $crate::wiring::Buffers) {
+            $(let $param: &[$type] = buffers.read();)*
+            let $first: &mut [$first_element] = buffers.write();
+            let $second: &mut [$second_element] = buffers.write();
+            band.for_each_pixel($frame, |i, px| {
+                ($first[i], $second[i]) = $crate::$file::$function::<$($flag),*>(px, $frame, $($argument),*);
+            });
+        }
+    };
+}
+
+/// What rows of the table may name.
+pub mod prelude {
+    #[cfg(not(target_arch = "spirv"))]
+    pub use super::super::kernel;
+    pub use glam::{UVec3, UVec4, Vec4};
+    pub use spirv_std::spirv;
+    pub use weir_shared::{
+        frame::Frame, moments::Moments, numerics::store, reservoir::Reservoir, scene::Scene, surface::Surface,
+    };
+}
+
+#[cfg(not(target_arch = "spirv"))]
+pub use host::*;
+
+#[cfg(not(target_arch = "spirv"))]
+mod host {
+    use bytemuck::Pod;
+    use core::mem::size_of;
+    use glam::UVec2;
+    use weir_shared::frame::Frame;
+
+    /// A property of the scene that changes the code of passes.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+    #[expect(clippy::upper_case_acronyms, reason = "the names of the const generics of the passes")]
+    pub enum Feature {
+        /// Some material has an image.
+        TEXTURES,
+        /// There is light from infinitely far away.
+        ENVIRONMENT,
+        /// More than one instance, or one that is not in place.
+        INSTANCES,
+        /// Some material has a specular lobe.
+        SPECULAR,
+    }
+
+    /// A row of the table.
+    #[derive(Debug)]
+    pub struct Pass {
+        /// Name of the row; file, timer and message say the same.
+        pub name: &'static str,
+        /// Features that change its code.
+        pub features: &'static [Feature],
+        /// One for each combination: bit i of the index stands for feature i.
+        pub variants: &'static [Variant],
+        /// Storage buffers, at binding 1 and up; binding 0 is the frame.
+        pub bindings: &'static [Binding],
+    }
+
+    /// A pass compiled for one combination of features.
+    #[derive(Debug)]
+    pub struct Variant {
+        /// Name in the SPIR-V module.
+        pub entry_point: &'static str,
+        /// The same for the host: the pixels of a band.
+        pub run: Kernel,
+    }
+
+    /// A host kernel. `Buffers` hold all of every input, and the band's rows of every output.
+    pub type Kernel = fn(&Frame, Band, Buffers);
+
+    /// Whether a pass reads or writes a buffer.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Access {
+        /// All of it.
+        Read,
+        /// Its own element.
+        Write,
+    }
+
+    /// A storage buffer of a pass.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub struct Binding {
+        /// The resource; `prev_x` is what `x` was in the frame before.
+        pub name: &'static str,
+        /// Direction.
+        pub access: Access,
+        /// Bytes of an element.
+        pub stride: usize,
+    }
+
+    impl Binding {
+        /// An input of elements `T`.
+        pub const fn read<T>(name: &'static str) -> Self {
+            Self { name, access: Access::Read, stride: size_of::<T>() }
+        }
+
+        /// An output of elements `T`.
+        pub const fn write<T>(name: &'static str) -> Self {
+            Self { name, access: Access::Write, stride: size_of::<T>() }
+        }
+    }
+
+    impl Pass {
+        /// The variant for a scene with the given features.
+        pub fn variant(&self, present: &[Feature]) -> &Variant {
+            let bits = self.features.iter().enumerate().map(|(i, f)| usize::from(present.contains(f)) << i);
+            &self.variants[bits.sum::<usize>()]
+        }
+    }
+
+    /// Consecutive rows of the image, walked in tiles of 8x8 pixels.
+    #[derive(Clone, Copy, Debug)]
+    pub struct Band {
+        /// First row.
+        pub first_row: u32,
+        /// Number of rows.
+        pub rows: u32,
+        /// From the last pixel to the first. The result is the same; a test says so.
+        pub backwards: bool,
+    }
+
+    impl Band {
+        /// Calls `f` with the index within the band and the pixel.
+        #[inline(always)]
+        pub fn for_each_pixel(&self, frame: &Frame, mut f: impl FnMut(usize, UVec2)) {
+            const TILE: u32 = 8;
+            let (columns, rows) = (frame.width.div_ceil(TILE), self.rows.div_ceil(TILE));
+            for tile in 0..columns * rows {
+                let tile = if self.backwards { columns * rows - 1 - tile } else { tile };
+                let (x0, y0) = (tile % columns * TILE, tile / columns * TILE);
+                for y in y0..(y0 + TILE).min(self.rows) {
+                    for x in x0..(x0 + TILE).min(frame.width) {
+                        f((y * frame.width + x) as usize, UVec2::new(x, self.first_row + y));
+                    }
+                }
+            }
+        }
+    }
+
+    /// The arguments of a kernel, as bytes, in the order of the bindings.
+    pub struct Buffers<'a> {
+        reads: core::slice::Iter<'a, &'a [u8]>,
+        writes: core::slice::IterMut<'a, &'a mut [u8]>,
+    }
+
+    impl<'a> Buffers<'a> {
+        /// Inputs and outputs apart, each in the order of the bindings.
+        pub fn new(reads: &'a [&'a [u8]], writes: &'a mut [&'a mut [u8]]) -> Self {
+            Self { reads: reads.iter(), writes: writes.iter_mut() }
+        }
+
+        /// The next input.
+        pub fn read<T: Pod>(&mut self) -> &'a [T] {
+            bytemuck::cast_slice(self.reads.next().expect("an input for every binding"))
+        }
+
+        /// The next output.
+        pub fn write<T: Pod>(&mut self) -> &'a mut [T] {
+            bytemuck::cast_slice_mut(self.writes.next().expect("an output for every binding"))
+        }
+    }
+}
