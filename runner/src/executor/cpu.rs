@@ -1,0 +1,151 @@
+//! The plan on the host: rayon over bands of rows.
+
+use std::{
+    collections::BTreeMap,
+    time::{Duration, Instant},
+};
+
+use rayon::prelude::*;
+use weir_shader::wiring::{Access, Band, Buffers};
+use weir_shared::frame::Frame;
+
+use super::{AlignedBytes, SceneBuffers};
+use crate::graph::{Plan, Planned, Slot};
+
+/// Order in which the pixels of a pass are computed. The picture is the same; a test says so.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Order {
+    /// Rows of a band, the unit of work of a thread.
+    pub band_rows: u32,
+    /// From the last pixel of a band to the first.
+    pub backwards: bool,
+}
+
+impl Default for Order {
+    fn default() -> Self {
+        Self { band_rows: 8, backwards: false }
+    }
+}
+
+/// Which half of a history is which: halves swap every frame.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug)]
+enum Place {
+    Pool(usize),
+    Half(usize, usize),
+    Zero,
+}
+
+/// Buffers of the frames of one plan, and the state between frames.
+pub struct CpuExecutor {
+    buffers: BTreeMap<Place, AlignedBytes>,
+    frames: usize,
+    /// Order of the pixels.
+    pub order: Order,
+}
+
+impl CpuExecutor {
+    /// Memory for a plan, all zeros.
+    pub fn new(plan: &Plan) -> Self {
+        let mut buffers = BTreeMap::new();
+        for (i, &bytes) in plan.pool.iter().enumerate() {
+            buffers.insert(Place::Pool(i), AlignedBytes::zeroed(bytes as usize));
+        }
+        for (i, history) in plan.history.iter().enumerate() {
+            for half in 0..2 {
+                buffers.insert(Place::Half(i, half), AlignedBytes::zeroed(history.bytes as usize));
+            }
+        }
+        buffers.insert(Place::Zero, AlignedBytes::zeroed(plan.zero_bytes as usize));
+        Self { buffers, frames: 0, order: Order::default() }
+    }
+
+    /// Where a slot is in frame number `frame` of this executor.
+    fn place(slot: Slot, frame: usize) -> Option<Place> {
+        match slot {
+            Slot::Scene(_) => None,
+            Slot::Pool(i) => Some(Place::Pool(i)),
+            Slot::Current(i) => Some(Place::Half(i, frame & 1)),
+            Slot::Previous(i) => Some(Place::Half(i, (frame & 1) ^ 1)),
+            Slot::Zero => Some(Place::Zero),
+        }
+    }
+
+    /// Runs one frame; returns the time of each step.
+    pub fn run(&mut self, plan: &Plan, scene: SceneBuffers<'_>, frame: &Frame) -> Vec<(&'static str, Duration)> {
+        let times = plan
+            .steps
+            .iter()
+            .map(|step| {
+                let start = Instant::now();
+                self.run_step(step, scene, frame);
+                (step.pass.name, start.elapsed())
+            })
+            .collect();
+        self.frames += 1;
+        times
+    }
+
+    fn run_step(&mut self, step: &Planned, scene: SceneBuffers<'_>, frame: &Frame) {
+        // Outputs leave the map while the step runs, so that inputs can be borrowed from it.
+        let mut outputs: Vec<(Place, AlignedBytes)> = step
+            .slots
+            .iter()
+            .filter(|(access, _)| *access == Access::Write)
+            .filter_map(|&(_, slot)| {
+                let place = Self::place(slot, self.frames)?;
+                Some((place, self.buffers.remove(&place)?))
+            })
+            .collect();
+        let inputs: Vec<&[u8]> = step
+            .slots
+            .iter()
+            .filter(|(access, _)| *access == Access::Read)
+            .map(|&(_, slot)| match slot {
+                Slot::Scene(name) => scene.bytes(name),
+                other => Self::place(other, self.frames)
+                    .and_then(|place| self.buffers.get(&place))
+                    .expect("the plan never reads what a step writes")
+                    .bytes(),
+            })
+            .collect();
+        let strides: Vec<usize> =
+            step.pass.bindings.iter().filter(|b| b.access == Access::Write).map(|b| b.stride).collect();
+        let slices = outputs.iter_mut().map(|(_, buffer)| buffer.bytes_mut()).collect();
+        run_kernel(step, frame, self.order, &inputs, slices, &strides);
+        self.buffers.extend(outputs);
+    }
+
+    /// The bytes of an output after [`CpuExecutor::run`].
+    pub fn output(&self, plan: &Plan, name: &str) -> Option<&[u8]> {
+        let &(_, slot) = plan.outputs.iter().find(|(n, _)| *n == name)?;
+        let place = Self::place(slot, self.frames.checked_sub(1)?)?;
+        Some(self.buffers.get(&place)?.bytes())
+    }
+}
+
+/// Runs one pass over all pixels, with inputs and outputs in the order of its bindings.
+pub fn run_kernel(
+    step: &Planned,
+    frame: &Frame,
+    order: Order,
+    inputs: &[&[u8]],
+    outputs: Vec<&mut [u8]>,
+    strides: &[usize],
+) {
+    let rows = order.band_rows.max(1);
+    // Each band gets its own rows of every output.
+    let bands = frame.height.div_ceil(rows) as usize;
+    let mut parts: Vec<Vec<&mut [u8]>> = (0..bands).map(|_| Vec::new()).collect();
+    for (output, stride) in outputs.into_iter().zip(strides) {
+        let bytes = stride * frame.width as usize * rows as usize;
+        let used = stride * frame.width as usize * frame.height as usize;
+        for (part, chunk) in parts.iter_mut().zip(output[..used].chunks_mut(bytes)) {
+            part.push(chunk);
+        }
+    }
+    parts.into_par_iter().enumerate().for_each(|(i, mut writes)| {
+        let first_row = i as u32 * rows;
+        let band = Band { first_row, rows: rows.min(frame.height - first_row), backwards: order.backwards };
+        (step.variant.run)(frame, band, Buffers::new(inputs, &mut writes));
+    });
+}

@@ -1,0 +1,399 @@
+//! The frame graph: which passes run, on which memory.
+//!
+//! Data, not objects: a table of resources and an ordered list of steps. [`plan`] checks them, leaves out what nobody
+//! needs and places what remains; it never reorders. Two executors run one plan. A result that is left out reads as
+//! zeros, the neutral value of every buffer.
+
+mod place;
+mod print;
+
+use std::collections::BTreeSet;
+
+use thiserror::Error;
+use weir_shader::wiring::{Access, Binding, Feature, Pass, Variant};
+
+/// A buffer that passes share.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Resource {
+    /// Name that the pass table uses; last frame's contents are `prev_` and this.
+    pub name: &'static str,
+    /// Bytes of an element.
+    pub stride: usize,
+    /// How long it lives.
+    pub life: Life,
+}
+
+/// How long a resource lives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Life {
+    /// As long as the scene, which also sets its size; no pass writes it.
+    Scene,
+    /// Within a frame, one element a pixel; shares memory with others.
+    Transient,
+    /// Into the next frame, one element a pixel.
+    History,
+}
+
+impl Resource {
+    /// A resource with elements of type `T`.
+    pub const fn new<T>(name: &'static str, life: Life) -> Self {
+        Self { name, stride: size_of::<T>(), life }
+    }
+}
+
+/// Something that a scene can lack.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Need {
+    /// Emissive triangles or an environment.
+    Lights,
+}
+
+impl std::fmt::Display for Need {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Lights => "lights",
+        })
+    }
+}
+
+/// A pass in the frame, with what it is good for only if the scene has it.
+#[derive(Clone, Copy, Debug)]
+pub struct Step {
+    /// Name in the pass table.
+    pub pass: &'static str,
+    /// Without this, the step is left out and its results read as zeros.
+    pub needs: Option<Need>,
+}
+
+/// A step that always runs.
+pub const fn step(pass: &'static str) -> Step {
+    Step { pass, needs: None }
+}
+
+impl Step {
+    /// The step, run only in scenes that have `need`.
+    pub const fn needs(self, need: Need) -> Self {
+        Self { needs: Some(need), ..self }
+    }
+}
+
+/// What the plan depends on beside the steps.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Facts {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// What the scene has of what steps may need.
+    pub has: Vec<Need>,
+    /// Features that choose among the variants of passes.
+    pub features: Vec<Feature>,
+}
+
+/// Why a step does not run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Culled {
+    /// No kept step reads what it writes, and nobody asked for it.
+    NothingReadsIt,
+    /// The scene lacks what the step needs.
+    SceneHasNo(Need),
+}
+
+impl std::fmt::Display for Culled {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::NothingReadsIt => f.write_str("nothing reads what it writes"),
+            Self::SceneHasNo(need) => write!(f, "the scene has no {need}"),
+        }
+    }
+}
+
+/// Memory that a binding refers to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Slot {
+    /// A buffer of the scene.
+    Scene(&'static str),
+    /// This frame's half of a doubled buffer: an index into [`Plan::history`].
+    Current(usize),
+    /// Last frame's half.
+    Previous(usize),
+    /// A buffer of the frame's pool: an index into [`Plan::pool`].
+    Pool(usize),
+    /// The buffer of zeros that stands in for what was left out.
+    Zero,
+}
+
+/// A step that runs.
+#[derive(Clone, Debug)]
+pub struct Planned {
+    /// The row of the pass table.
+    pub pass: &'static Pass,
+    /// The variant for the scene's features.
+    pub variant: &'static Variant,
+    /// Memory for each binding of the pass, in its order.
+    pub slots: Vec<(Access, Slot)>,
+}
+
+/// A doubled buffer.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct History {
+    /// The resource.
+    pub name: &'static str,
+    /// Bytes of each half.
+    pub bytes: u64,
+}
+
+/// What to run for each frame, and how much memory that takes.
+#[derive(Clone, Debug)]
+pub struct Plan {
+    /// Steps, in order.
+    pub steps: Vec<Planned>,
+    /// Steps that do not run, with the reason.
+    pub culled: Vec<(&'static str, Culled)>,
+    /// Doubled buffers.
+    pub history: Vec<History>,
+    /// Bytes of each buffer of the pool.
+    pub pool: Vec<u64>,
+    /// Bytes of the buffer of zeros; 0 if no step needs it.
+    pub zero_bytes: u64,
+    /// Where the requested outputs are after a frame.
+    pub outputs: Vec<(&'static str, Slot)>,
+    /// What the plan was made for.
+    pub facts: Facts,
+}
+
+/// What is wrong with a list of steps.
+#[derive(Debug, Error, PartialEq, Eq)]
+pub enum GraphError {
+    /// A step names no row of the pass table.
+    #[error("step `{0}` names no pass; the table in shader/src/lib.rs lists them")]
+    UnknownPass(&'static str),
+    /// A binding names no resource.
+    #[error("pass `{pass}` binds `{name}`, which is not in the resource table")]
+    UnknownResource {
+        /// The pass.
+        pass: &'static str,
+        /// The binding.
+        name: &'static str,
+    },
+    /// Element sizes differ.
+    #[error("pass `{pass}` sees `{name}` as {pass_stride}-byte elements, the resource table says {stride}")]
+    Stride {
+        /// The pass.
+        pass: &'static str,
+        /// The binding.
+        name: &'static str,
+        /// Bytes of an element in the pass.
+        pass_stride: usize,
+        /// Bytes of an element in the table.
+        stride: usize,
+    },
+    /// A result is read before it is written.
+    #[error("pass `{pass}` reads `{name}`, but no earlier step writes it; for last frame's value bind `prev_{name}`")]
+    ReadBeforeWrite {
+        /// The pass.
+        pass: &'static str,
+        /// The binding.
+        name: &'static str,
+    },
+    /// A pass reads what it writes.
+    #[error("pass `{pass}` reads its own output `{name}`: its neighbours would race; give the result another name")]
+    ReadsOwnOutput {
+        /// The pass.
+        pass: &'static str,
+        /// The binding.
+        name: &'static str,
+    },
+    /// Two steps write one resource.
+    #[error("pass `{second}` writes `{name}`, which `{first}` wrote; give the second result another name")]
+    TwoWriters {
+        /// The resource.
+        name: &'static str,
+        /// The earlier writer.
+        first: &'static str,
+        /// The later writer.
+        second: &'static str,
+    },
+    /// A pass writes a buffer of the scene.
+    #[error("pass `{pass}` writes `{name}`, which belongs to the scene and is the same for all frames")]
+    WritesScene {
+        /// The pass.
+        pass: &'static str,
+        /// The binding.
+        name: &'static str,
+    },
+    /// `prev_x` of something that does not outlive the frame.
+    #[error("pass `{pass}` reads `prev_{name}`, but `{name}` is not history; set its life to Life::History")]
+    NotHistory {
+        /// The pass.
+        pass: &'static str,
+        /// The resource.
+        name: &'static str,
+    },
+    /// `prev_x` that no step fills.
+    #[error("pass `{pass}` reads `prev_{name}`, but no step writes `{name}`")]
+    HistoryNeverWritten {
+        /// The pass.
+        pass: &'static str,
+        /// The resource.
+        name: &'static str,
+    },
+    /// An output that no step writes.
+    #[error("output `{0}` was asked for, but no step writes it")]
+    UnknownOutput(&'static str),
+    /// An image without pixels.
+    #[error("the image is {0}x{1} pixels; both must be between 1 and 32768")]
+    Size(u32, u32),
+}
+
+/// A binding, resolved: which resource, and whether last frame's.
+#[derive(Clone, Copy)]
+struct Use {
+    resource: Resource,
+    previous: bool,
+}
+
+fn resolve(pass: &Pass, binding: &Binding, resources: &[Resource]) -> Result<Use, GraphError> {
+    let base = binding.name.strip_prefix("prev_");
+    let name = base.unwrap_or(binding.name);
+    let resource = *resources
+        .iter()
+        .find(|r| r.name == name)
+        .ok_or(GraphError::UnknownResource { pass: pass.name, name: binding.name })?;
+    if resource.stride != binding.stride {
+        let (pass_stride, stride) = (binding.stride, resource.stride);
+        return Err(GraphError::Stride { pass: pass.name, name: binding.name, pass_stride, stride });
+    }
+    if base.is_some() && resource.life != Life::History {
+        return Err(GraphError::NotHistory { pass: pass.name, name: resource.name });
+    }
+    Ok(Use { resource, previous: base.is_some() })
+}
+
+/// Checks the steps, leaves out what `outputs` do not depend on or the scene has no use for, and places memory.
+///
+/// # Errors
+/// A [`GraphError`] that says in words what is wrong with the steps, the table or the size.
+pub fn plan(
+    steps: &[Step],
+    passes: &'static [Pass],
+    resources: &[Resource],
+    facts: &Facts,
+    outputs: &[&'static str],
+) -> Result<Plan, GraphError> {
+    let (width, height) = (facts.width, facts.height);
+    if !(1..=32_768).contains(&width) || !(1..=32_768).contains(&height) {
+        return Err(GraphError::Size(width, height));
+    }
+    let rows = check(steps, passes, resources, outputs)?;
+    let (live, culled) = cull(steps, &rows, facts, outputs);
+    Ok(place::place(&live, culled, resources, facts, outputs))
+}
+
+/// Looks up every pass and rejects hazards; the whole list is checked, culled or not.
+fn check(
+    steps: &[Step],
+    passes: &'static [Pass],
+    resources: &[Resource],
+    outputs: &[&'static str],
+) -> Result<Vec<&'static Pass>, GraphError> {
+    let mut rows = Vec::new();
+    let mut written: Vec<(&'static str, &'static str)> = Vec::new();
+    for step in steps {
+        let pass = passes.iter().find(|p| p.name == step.pass).ok_or(GraphError::UnknownPass(step.pass))?;
+        for binding in pass.bindings {
+            let Use { resource, previous } = resolve(pass, binding, resources)?;
+            let name = resource.name;
+            let own = pass.bindings.iter().any(|b| b.access == Access::Write && b.name == binding.name);
+            match binding.access {
+                Access::Read if previous || resource.life == Life::Scene => {}
+                Access::Read if own => return Err(GraphError::ReadsOwnOutput { pass: pass.name, name }),
+                Access::Read if !written.iter().any(|(w, _)| *w == name) => {
+                    return Err(GraphError::ReadBeforeWrite { pass: pass.name, name });
+                }
+                Access::Read => {}
+                Access::Write if resource.life == Life::Scene => {
+                    return Err(GraphError::WritesScene { pass: pass.name, name });
+                }
+                Access::Write => {
+                    if let Some((_, first)) = written.iter().find(|(w, _)| *w == name) {
+                        return Err(GraphError::TwoWriters { name, first, second: pass.name });
+                    }
+                    written.push((name, pass.name));
+                }
+            }
+        }
+        rows.push(pass);
+    }
+    for pass in &rows {
+        for name in pass.bindings.iter().filter_map(|b| b.name.strip_prefix("prev_")) {
+            if !written.iter().any(|(w, _)| *w == name) {
+                return Err(GraphError::HistoryNeverWritten { pass: pass.name, name });
+            }
+        }
+    }
+    match outputs.iter().find(|&&o| !written.iter().any(|(w, _)| *w == o)) {
+        Some(missing) => Err(GraphError::UnknownOutput(missing)),
+        None => Ok(rows),
+    }
+}
+
+/// A step that survived: its pass and the variant for the scene.
+struct Live {
+    pass: &'static Pass,
+    variant: &'static Variant,
+}
+
+fn cull(
+    steps: &[Step],
+    rows: &[&'static Pass],
+    facts: &Facts,
+    outputs: &[&'static str],
+) -> (Vec<Live>, Vec<(&'static str, Culled)>) {
+    let lacks = |step: &Step| step.needs.filter(|need| !facts.has.contains(need));
+    // Backwards from the outputs, until history adds nothing more.
+    let mut wanted: BTreeSet<&str> = outputs.iter().copied().collect();
+    loop {
+        let before = wanted.len();
+        for (step, pass) in steps.iter().zip(rows).rev() {
+            let writes_wanted = pass.bindings.iter().any(|b| b.access == Access::Write && wanted.contains(b.name));
+            if lacks(step).is_none() && writes_wanted {
+                let reads = pass.bindings.iter().filter(|b| b.access == Access::Read);
+                wanted.extend(reads.map(|b| b.name.strip_prefix("prev_").unwrap_or(b.name)));
+            }
+        }
+        if wanted.len() == before {
+            break;
+        }
+    }
+    let (mut live, mut culled) = (Vec::new(), Vec::new());
+    for (step, &pass) in steps.iter().zip(rows) {
+        let writes_wanted = pass.bindings.iter().any(|b| b.access == Access::Write && wanted.contains(b.name));
+        match lacks(step) {
+            Some(need) => culled.push((step.pass, Culled::SceneHasNo(need))),
+            None if !writes_wanted => culled.push((step.pass, Culled::NothingReadsIt)),
+            None => live.push(Live { pass, variant: pass.variant(&facts.features) }),
+        }
+    }
+    (live, culled)
+}
+
+impl Plan {
+    /// Names of the passes that run, in order.
+    pub fn pass_names(&self) -> Vec<&'static str> {
+        self.steps.iter().map(|s| s.pass.name).collect()
+    }
+
+    /// Bytes of all buffers of the frame, the scene's apart.
+    pub fn frame_bytes(&self) -> u64 {
+        self.pool.iter().sum::<u64>() + 2 * self.history.iter().map(|h| h.bytes).sum::<u64>() + self.zero_bytes
+    }
+
+    /// Pixels of the image.
+    pub fn pixels(&self) -> u64 {
+        u64::from(self.facts.width) * u64::from(self.facts.height)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,1 @@
+//! Scenes packed for the passes.
