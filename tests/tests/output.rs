@@ -81,6 +81,15 @@ fn a_directory_is_not_an_output() {
 }
 
 #[test]
+fn a_path_that_can_only_be_a_directory_needs_a_file_name() {
+    let directory = tempfile::tempdir().unwrap();
+    for name in ["missing/", "missing/.."] {
+        let error = refused(&directory, &directory.path().join(name));
+        assert!(matches!(error, OutputError::NoName { .. }), "{name}: {error:?}");
+    }
+}
+
+#[test]
 fn a_read_only_file_is_kept() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("a.exr");

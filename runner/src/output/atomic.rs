@@ -58,7 +58,9 @@ fn target(path: &Path) -> Result<Target, OutputError> {
         // Resolved, so that the link stays and its target is replaced.
         Ok(_) => fs::canonicalize(path).map(Target::File).map_err(|source| failure(path, 0, source)),
         Err(_) if path.is_symlink() => Err(OutputError::DanglingLink { path: path.into() }),
-        Err(_) if path.file_name().is_none() => Err(OutputError::NoName { path: path.into() }),
+        Err(_) if path.file_name().is_none() || ends_in_separator(path) => {
+            Err(OutputError::NoName { path: path.into() })
+        }
         Err(_) => {
             let parent = directory_of(path);
             match fs::metadata(parent) {
@@ -82,6 +84,11 @@ fn is_stream(kind: FileType) -> bool {
 #[cfg(not(unix))]
 fn is_stream(_: FileType) -> bool {
     false
+}
+
+/// Whether the path can only mean a directory; [`Path`] itself hides this.
+fn ends_in_separator(path: &Path) -> bool {
+    path.as_os_str().as_encoded_bytes().last().is_some_and(|byte| std::path::is_separator(char::from(*byte)))
 }
 
 fn directory_of(path: &Path) -> &Path {
