@@ -3,5 +3,7 @@
 pub mod executor;
 pub mod graph;
 pub mod packed;
+pub mod exit;
+pub mod output;
 pub mod scene;
 pub mod technique;
