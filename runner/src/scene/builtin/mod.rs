@@ -3,6 +3,7 @@
 mod assembly;
 mod cornell;
 mod random;
+mod rooms;
 mod shapes;
 
 use crate::scene::Scene;
@@ -18,11 +19,18 @@ pub struct Builtin {
 }
 
 /// All of them, from the fewest lights to the most.
-pub const BUILTIN: &[Builtin] = &[Builtin {
-    name: "cornell",
-    description: "red and green walls, two blocks, one light of 2 triangles",
-    build: cornell::build,
-}];
+pub const BUILTIN: &[Builtin] = &[
+    Builtin {
+        name: "cornell",
+        description: "red and green walls, two blocks, one light of 2 triangles",
+        build: cornell::build,
+    },
+    Builtin {
+        name: "rooms",
+        description: "an office building at night, most of its lights out of sight",
+        build: rooms::build,
+    },
+];
 
 /// The built-in scene of this name.
 pub fn find(name: &str) -> Option<&'static Builtin> {
