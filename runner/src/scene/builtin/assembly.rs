@@ -27,9 +27,27 @@ impl Assembly {
         self.scene
     }
 
-    /// The scene so far.
-    pub(super) fn scene(&self) -> &Scene {
-        &self.scene
+    /// How many triangles of a mesh emit light.
+    pub(super) fn emissive_triangles_of(&self, mesh: u32) -> usize {
+        let emits =
+            |&material: &u32| self.scene.materials[material as usize].emission != Vec3::ZERO;
+        self.scene.meshes[mesh as usize]
+            .materials
+            .iter()
+            .filter(|material| emits(material))
+            .count()
+    }
+
+    /// How many triangles emit light so far, over all instances.
+    pub(super) fn emissive_triangles(&self) -> usize {
+        let of_mesh: Vec<usize> = (0..self.scene.meshes.len() as u32)
+            .map(|mesh| self.emissive_triangles_of(mesh))
+            .collect();
+        self.scene
+            .instances
+            .iter()
+            .map(|instance| of_mesh[instance.mesh as usize])
+            .sum()
     }
 
     fn material(&mut self, material: Material) -> u32 {

@@ -16,8 +16,8 @@ pub fn build() -> Scene {
     let white = scene.matte("white", [0.73, 0.71, 0.68]);
     let red = scene.matte("red", [0.62, 0.06, 0.05]);
     let green = scene.matte("green", [0.13, 0.44, 0.10]);
-    let block = scene.metal("brushed metal", [0.86, 0.80, 0.70], 0.3);
-    let light = scene.lamp("light", [1.0, 0.78, 0.50], 18.0);
+    let block = scene.glossy("glazed blue-grey", [0.42, 0.50, 0.60], 0.3);
+    let light = scene.lamp("light", [1.0, 0.80, 0.54], 24.0);
 
     let corner = |x: f32, y: f32, z: f32| vec3(x * HALF, y * HEIGHT, z * HALF);
     let walls = scene.mesh("walls", |m| {
@@ -78,7 +78,7 @@ pub fn build() -> Scene {
     let lamp = scene.mesh("light", |m| {
         // A hair below the ceiling, facing down.
         m.grid(
-            vec3(-0.26, HEIGHT - 0.01, -0.20),
+            vec3(-0.26, HEIGHT - 0.01, 0.20),
             Vec3::X * 0.52,
             Vec3::Z * 0.40,
             1,
@@ -90,11 +90,11 @@ pub fn build() -> Scene {
     scene.place(walls, Mat4::IDENTITY);
     scene.place(
         short,
-        Mat4::from_translation(vec3(0.34, 0.0, 0.36)) * rotation(Vec3::Y, -0.05),
+        Mat4::from_translation(vec3(0.36, 0.0, -0.08)) * rotation(Vec3::Y, -0.05),
     );
     scene.place(
         tall,
-        Mat4::from_translation(vec3(-0.34, 0.0, -0.30)) * rotation(Vec3::Y, 0.055),
+        Mat4::from_translation(vec3(-0.36, 0.0, -0.50)) * rotation(Vec3::Y, 0.055),
     );
     scene.place(lamp, Mat4::IDENTITY);
     scene.finish(Camera {

@@ -2,6 +2,7 @@
 
 mod assembly;
 mod cornell;
+mod park;
 mod random;
 mod rooms;
 mod shapes;
@@ -29,6 +30,11 @@ pub const BUILTIN: &[Builtin] = &[
         name: "rooms",
         description: "an office building at night, most of its lights out of sight",
         build: rooms::build,
+    },
+    Builtin {
+        name: "park",
+        description: "an amusement park at night, moving, lit by 3.4 million triangles",
+        build: park::build,
     },
 ];
 

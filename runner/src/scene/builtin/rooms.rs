@@ -10,8 +10,8 @@ use super::assembly::Assembly;
 use super::random::Pcg;
 use super::shapes::rotation;
 use crate::scene::{Camera, Scene};
-use furnish::Decorator;
-use kit::Kit;
+use furnish::{Decorator, Use};
+use kit::{AMBER, BLUE, COOL, Kit, MAGENTA, RED, TEAL};
 use shell::Shell;
 
 /// Storeys of the building.
@@ -26,7 +26,7 @@ const CLEAR_HEIGHT: f32 = STOREY - SLAB;
 const ROOM_WIDTH: f32 = 5.0;
 const ROOM_DEPTH: f32 = 6.0;
 /// Half the width of a corridor.
-const CORRIDOR_HALF: f32 = 1.3;
+const CORRIDOR_HALF: f32 = 1.5;
 /// The lobby takes the place of this many rooms on each side, before x = 0.
 const LOBBY_ROOMS: u32 = 2;
 const LOBBY_LENGTH: f32 = LOBBY_ROOMS as f32 * ROOM_WIDTH;
@@ -53,6 +53,21 @@ fn world_from_room(floor: u32, slot: i32, side: Side) -> Mat4 {
             Mat4::from_translation(vec3(x + ROOM_WIDTH, y, -CORRIDOR_HALF)) * rotation(Vec3::Y, 0.5)
         }
     }
+}
+
+/// Use and tint of the rooms that are seen from the lobby, each floor in another order; the others are left to chance.
+fn showpiece(floor: u32, slot: i32, side: Side) -> Option<(Use, usize)> {
+    const SHOWPIECES: [(Use, usize); 6] = [
+        (Use::Lounge, AMBER),
+        (Use::Laboratory, MAGENTA),
+        (Use::MeetingRoom, TEAL),
+        (Use::Office, COOL),
+        (Use::Lounge, RED),
+        (Use::MeetingRoom, BLUE),
+    ];
+    let place = 2 * slot as usize + usize::from(side == Side::Back);
+    (place < SHOWPIECES.len())
+        .then(|| SHOWPIECES[(place + 2 * floor as usize + 2) % SHOWPIECES.len()])
 }
 
 /// Six floors of 24 rooms along a corridor that starts in a lobby; the camera stands in the lobby of the third.
@@ -87,7 +102,10 @@ pub fn build() -> Scene {
                     kit: &kit,
                     rng: &mut rng,
                 };
-                decorator.room(world_from_room(floor, slot, side));
+                decorator.room(
+                    world_from_room(floor, slot, side),
+                    showpiece(floor, slot, side),
+                );
             }
         }
     }
@@ -95,10 +113,10 @@ pub fn build() -> Scene {
 
     let eye = 2.0 * STOREY + 1.65;
     scene.finish(Camera {
-        origin: vec3(-9.2, eye, 3.4),
-        target: vec3(2.0, eye - 0.35, -0.6),
+        origin: vec3(-4.6, eye, 0.9),
+        target: vec3(6.0, eye - 0.45, -0.35),
         up: Vec3::Y,
-        vfov_deg: 52.0,
+        vfov_deg: 62.0,
     })
 }
 

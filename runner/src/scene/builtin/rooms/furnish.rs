@@ -2,11 +2,37 @@
 
 use glam::{Mat4, Vec3, vec3};
 
-use super::kit::Kit;
+use super::kit::{AMBER, BLUE, COOL, GREEN, Kit, MAGENTA, NEUTRAL, RED, TEAL, WARM};
 use super::{CLEAR_HEIGHT, CORRIDOR_LENGTH, LOBBY_LENGTH, ROOM_WIDTH};
 use crate::scene::builtin::assembly::Assembly;
 use crate::scene::builtin::random::Pcg;
 use crate::scene::builtin::shapes::rotation;
+
+/// What a room is for.
+#[derive(Clone, Copy)]
+pub(super) enum Use {
+    Office,
+    MeetingRoom,
+    Servers,
+    Lounge,
+    Laboratory,
+    Storage,
+}
+
+/// One of these is drawn for each room, so a use is as frequent as it is named here.
+const USES: [Use; 11] = [
+    Use::Office,
+    Use::Office,
+    Use::Office,
+    Use::MeetingRoom,
+    Use::MeetingRoom,
+    Use::Servers,
+    Use::Lounge,
+    Use::Lounge,
+    Use::Laboratory,
+    Use::Laboratory,
+    Use::Storage,
+];
 
 /// Furnishes in a frame that the caller gives.
 pub(super) struct Decorator<'a> {
@@ -16,21 +42,24 @@ pub(super) struct Decorator<'a> {
 }
 
 impl Decorator<'_> {
-    /// A room of any kind; its frame is that of `world_from_room`.
-    pub(super) fn room(&mut self, room: Mat4) {
-        // Most rooms have white light, some are coloured through and through.
-        let tint = if self.rng.chance(0.62) {
-            self.rng.pick(&[0, 0, 1, 1, 2])
-        } else {
-            self.rng.pick(&[3, 4, 5, 6, 7, 8])
-        };
-        match self.rng.pick(&[0, 0, 0, 1, 1, 2, 3, 3, 4, 4, 5]) {
-            0 => self.office(room, tint),
-            1 => self.meeting_room(room, tint),
-            2 => self.server_room(room),
-            3 => self.lounge(room, tint),
-            4 => self.laboratory(room, tint),
-            _ => self.storage(room),
+    /// A room; its frame is that of `world_from_room`. Without a `showpiece` its use and tint are left to chance.
+    pub(super) fn room(&mut self, room: Mat4, showpiece: Option<(Use, usize)>) {
+        let (what, tint) = showpiece.unwrap_or_else(|| {
+            // Most rooms have white light, some are coloured through and through.
+            let tint = if self.rng.chance(0.62) {
+                self.rng.pick(&[WARM, WARM, NEUTRAL, NEUTRAL, COOL])
+            } else {
+                self.rng.pick(&[RED, AMBER, GREEN, TEAL, BLUE, MAGENTA])
+            };
+            (self.rng.pick(&USES), tint)
+        });
+        match what {
+            Use::Office => self.office(room, tint),
+            Use::MeetingRoom => self.meeting_room(room, tint),
+            Use::Servers => self.server_room(room),
+            Use::Lounge => self.lounge(room, tint),
+            Use::Laboratory => self.laboratory(room, tint),
+            Use::Storage => self.storage(room),
         }
         self.put(self.kit.exit_sign, room, vec3(1.1, CLEAR_HEIGHT, 0.3), 0.0);
     }
@@ -58,7 +87,7 @@ impl Decorator<'_> {
         self.put(kit.counter, lobby, vec3(1.6, 0.0, 0.0), 0.25);
         for z in [-0.8, 0.7] {
             self.put(kit.screens[0], lobby, vec3(1.55, 1.05, z), -0.25);
-            self.put(kit.pendants[0], lobby, vec3(1.6, CLEAR_HEIGHT, z), 0.0);
+            self.put(kit.pendants[WARM], lobby, vec3(1.6, CLEAR_HEIGHT, z), 0.0);
         }
         self.put(
             kit.exit_sign,
@@ -75,7 +104,7 @@ impl Decorator<'_> {
         while x < CORRIDOR_LENGTH {
             // Dim, so that the light of the rooms shows on the floor; every fourth lamp is out.
             if self.rng.chance(0.75) {
-                let tint = self.rng.pick(&[0, 0, 1]);
+                let tint = self.rng.pick(&[WARM, WARM, NEUTRAL]);
                 let at = vec3(x, CLEAR_HEIGHT + 0.3, 0.0);
                 self.put(kit.pendants[tint], corridor, at, 0.0);
             }
@@ -151,7 +180,7 @@ impl Decorator<'_> {
                 );
             }
         }
-        let tint = self.rng.pick(&[6, 7, 7]);
+        let tint = self.rng.pick(&[TEAL, BLUE, BLUE]);
         self.put(kit.tubes[tint], room, vec3(2.5, CLEAR_HEIGHT, 2.2), 0.0);
         self.put(kit.tubes[tint], room, vec3(2.5, CLEAR_HEIGHT, 4.4), 0.0);
     }
@@ -184,7 +213,7 @@ impl Decorator<'_> {
                 self.put(kit.desk, bench, Vec3::ZERO, 0.0);
                 for place in [-0.5, 0.0, 0.5] {
                     if self.rng.chance(0.75) {
-                        let tank = self.rng.pick(&kit.tanks[3..]);
+                        let tank = self.rng.pick(&kit.tanks[RED..]);
                         self.put(tank, bench, vec3(place, 0.738, -0.1), 0.0);
                     }
                 }

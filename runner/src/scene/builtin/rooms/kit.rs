@@ -19,6 +19,16 @@ pub(super) const TINTS: [(&str, [f32; 3]); 9] = [
     ("magenta", [1.0, 0.08, 0.60]),
 ];
 
+pub(super) const WARM: usize = 0;
+pub(super) const NEUTRAL: usize = 1;
+pub(super) const COOL: usize = 2;
+pub(super) const RED: usize = 3;
+pub(super) const AMBER: usize = 4;
+pub(super) const GREEN: usize = 5;
+pub(super) const TEAL: usize = 6;
+pub(super) const BLUE: usize = 7;
+pub(super) const MAGENTA: usize = 8;
+
 /// Lamps hang from their origin, which is on the ceiling; all else stands on it. Everything faces +z.
 pub(super) struct Kit {
     pub(super) tubes: [u32; TINTS.len()],
@@ -62,9 +72,10 @@ impl Kit {
         ]
         .map(|color| scene.matte("book", color));
 
-        let bright = TINTS.map(|(name, tint)| scene.lamp(&format!("{name} tube"), tint, 14.0));
-        let soft = TINTS.map(|(name, tint)| scene.lamp(&format!("{name} panel"), tint, 5.0));
-        let bulb = [0, 1, 2].map(|i| scene.lamp(&format!("{} bulb", TINTS[i].0), TINTS[i].1, 45.0));
+        let bright = TINTS.map(|(name, tint)| scene.lamp(&format!("{name} tube"), tint, 36.0));
+        let soft = TINTS.map(|(name, tint)| scene.lamp(&format!("{name} panel"), tint, 12.0));
+        let bulb = [WARM, NEUTRAL, COOL]
+            .map(|i| scene.lamp(&format!("{} bulb", TINTS[i].0), TINTS[i].1, 90.0));
         let screen = [[0.25, 0.5, 1.0], [0.9, 0.9, 1.0], [0.3, 1.0, 0.6]]
             .map(|tint| scene.lamp("screen", tint, 1.8));
         let led = [[0.1, 1.0, 0.2], [0.1, 0.3, 1.0], [1.0, 0.4, 0.05]]
@@ -90,7 +101,7 @@ impl Kit {
                 })
             }),
             desk_lamps: bulb.map(|light| scene.mesh("desk lamp", |m| desk_lamp(m, black, light))),
-            floor_lamps: [0, 4, 8].map(|tint| {
+            floor_lamps: [WARM, AMBER, MAGENTA].map(|tint| {
                 scene.mesh("floor lamp", |m| {
                     m.tube(vec3(0.0, -0.01, 0.0), vec3(0.0, 0.02, 0.0), 0.18, 24, steel);
                     m.tube(vec3(0.0, 0.01, 0.0), vec3(0.0, 1.4, 0.0), 0.012, 8, steel);
@@ -113,7 +124,7 @@ impl Kit {
                 })
             }),
             chandelier: scene.mesh("chandelier", |m| {
-                chandelier(m, rng, black, [bulb[0], bright[0], bright[4]])
+                chandelier(m, rng, black, [bulb[WARM], bright[WARM], bright[AMBER]])
             }),
             exit_sign: scene.mesh("exit sign", |m| {
                 for x in [-0.15, 0.15] {
@@ -168,7 +179,7 @@ impl Kit {
                     Vec3::Y * 0.05,
                     24,
                     1,
-                    bright[6],
+                    bright[TEAL],
                 );
             }),
             crate_stack: scene.mesh("boxes", |m| {

@@ -34,10 +34,10 @@ const DOORWAY: Opening = Opening {
 };
 /// Towards the corridor; there is no glass in it.
 const INNER_WINDOW: Opening = Opening {
-    left: 2.0,
-    right: 4.7,
-    bottom: 0.8,
-    top: 2.3,
+    left: 1.9,
+    right: 4.85,
+    bottom: 0.55,
+    top: 2.5,
 };
 /// To the night outside, behind a dark pane.
 const OUTER_WINDOW: Opening = Opening {
@@ -48,10 +48,10 @@ const OUTER_WINDOW: Opening = Opening {
 };
 /// Between two rooms.
 const SIDE_WINDOW: Opening = Opening {
-    left: 1.2,
-    right: 4.8,
-    bottom: 0.9,
-    top: 2.2,
+    left: 0.5,
+    right: 5.5,
+    bottom: 0.5,
+    top: 2.5,
 };
 
 /// The meshes that the building itself is made of.
@@ -70,7 +70,7 @@ pub(super) struct Shell {
 
 impl Shell {
     pub(super) fn new(scene: &mut Assembly) -> Self {
-        let concrete = scene.matte("concrete", [0.55, 0.54, 0.52]);
+        let ceiling = scene.matte("ceiling", [0.80, 0.79, 0.77]);
         let plaster = scene.matte("plaster", [0.78, 0.76, 0.72]);
         let frame = scene.metal("dark steel", [0.30, 0.31, 0.33], 0.35);
         let pane = scene.glossy("night pane", [0.005, 0.006, 0.008], 0.08);
@@ -114,7 +114,7 @@ impl Shell {
                     vec3(-LOBBY_LENGTH - 0.15, -SLAB, -reach),
                     vec3(CORRIDOR_LENGTH + 0.15, -0.03, reach),
                 );
-                m.cuboid(low, high, concrete);
+                m.cuboid(low, high, ceiling);
             }),
             lobby_floor: plate(
                 scene,
@@ -216,7 +216,7 @@ impl Shell {
         scene.place(rng.pick(&self.room_floors), room);
         self.outer_wall(scene, room);
         scene.place(
-            if rng.chance(0.7) {
+            if slot < 3 || rng.chance(0.7) {
                 self.inner_walls[0]
             } else {
                 self.inner_walls[1]
