@@ -11,7 +11,7 @@ use image::{ImageDecoder, ImageFormat, ImageReader};
 
 use super::Environment;
 use super::error::{Place, SceneError, Warning, Warnings};
-use super::mtl::MAX_RADIANCE;
+use super::keywords::MAX_RADIANCE;
 use super::source::{Directory, Source};
 use super::texture::{check_size, limits};
 
@@ -90,10 +90,10 @@ pub fn decode(
         }
     }
     warnings.push_count(place.clone(), not_radiance, |count| {
-        format!("{count} values that are negative or not finite were replaced by 0")
+        format!("values that are negative or not finite, replaced by 0: {count}")
     });
     warnings.push_count(place.clone(), too_bright, |count| {
-        format!("{count} values above 1e20 were reduced to it")
+        format!("values above 1e20, reduced to it: {count}")
     });
     if width > MAX_WIDTH {
         let before = (width, height);

@@ -104,13 +104,18 @@ pub fn load_from(
         };
         let parts = interpret(material, options.lambert, &mut warnings);
         let maps = [
-            (&parts.base_color_map, Kind::Color),
-            (&parts.emission_map, Kind::Color),
-            (&parts.alpha_map, Kind::Mask),
+            ("map_Kd", &parts.base_color_map, Kind::Color),
+            ("map_Ke", &parts.emission_map, Kind::Color),
+            ("map_d", &parts.alpha_map, Kind::Mask),
         ];
-        let requests = maps.map(|(map, kind)| {
-            let map = map.as_ref()?;
-            textures.request(folder, map, kind, &material.place, &mut warnings)
+        let requests = maps.map(|(keyword, map, kind)| {
+            textures.request(
+                folder,
+                map.as_ref()?,
+                kind,
+                &material.map_place(keyword),
+                &mut warnings,
+            )
         });
         unbound.push((parts, requests));
     }
@@ -239,7 +244,7 @@ fn open_libraries(
         let located = locate(source, "", name)?;
         if let Some(reason) = &located.replaced {
             let message = format!(
-                "material library `{name}` {reason}; `{}` is used in its place",
+                "material library `{name}`: {reason}; `{}` is used in its place",
                 located.name
             );
             warnings.push(place.clone(), message);
@@ -253,14 +258,15 @@ fn open_libraries(
     };
     if words.len() < 2 {
         let message =
-            format!("material library `{names}` is missing ({reason}); its materials are grey");
+            format!("material library `{names}` is left out, and its materials are grey: {reason}");
         warnings.push(place.clone(), message);
         return opened;
     }
     for word in words {
         if let Err(reason) = add(word, warnings) {
-            let message =
-                format!("material library `{word}` is missing ({reason}); its materials are grey");
+            let message = format!(
+                "material library `{word}` is left out, and its materials are grey: {reason}"
+            );
             warnings.push(place.clone(), message);
         }
     }

@@ -9,10 +9,10 @@ use std::io::Read;
 use std::panic::catch_unwind;
 
 use super::error::{Place, Warnings};
+use super::keywords::{KEYWORDS, Kind};
 use super::lines::{Lines, decode, excerpt, split_keyword, words};
-
-/// Largest radiance that a material may emit: f32 arithmetic on it stays finite.
-pub const MAX_RADIANCE: f64 = 1e20;
+use super::map_options::split_options;
+use super::numbers::parse as number;
 
 /// A material as its library describes it, every number finite and within its range.
 #[derive(Clone, Debug)]
@@ -21,72 +21,26 @@ pub struct MtlMaterial {
     pub statements: tobj::Material,
     /// Where it begins.
     pub place: Place,
+    /// The line of each statement that names a file.
+    map_lines: BTreeMap<&'static str, u64>,
 }
 
 impl MtlMaterial {
+    /// Where the statement `keyword` names a file.
+    pub fn map_place(&self, keyword: &str) -> Place {
+        let line = self
+            .map_lines
+            .get(keyword)
+            .copied()
+            .unwrap_or(self.place.line);
+        Place::new(&self.place.file, line)
+    }
+
     /// A number that `tobj` does not know by name.
     pub fn number(&self, keyword: &str) -> Option<f32> {
         self.statements.unknown_param.get(keyword)?.parse().ok()
     }
 }
-
-/// What a keyword expects, and what happens to values outside.
-#[derive(Clone, Copy)]
-enum Kind {
-    /// Up to three numbers, each clamped to 0..=the bound.
-    Color(f64),
-    /// A number, clamped to the range.
-    Number(f64, f64),
-    /// A file name after options.
-    Map,
-    /// The number of an illumination model.
-    Model,
-    /// Known, but without effect here.
-    Unsupported,
-    /// Known, without effect, and not worth a word.
-    Silent,
-}
-
-/// Spelled as `tobj` wants them; files vary in case.
-const KEYWORDS: [(&str, Kind); 37] = [
-    ("Ka", Kind::Color(f64::MAX)),
-    ("Kd", Kind::Color(1.0)),
-    ("Ks", Kind::Color(1.0)),
-    ("Ke", Kind::Color(MAX_RADIANCE)),
-    ("Ns", Kind::Number(0.0, 1e9)),
-    ("Ni", Kind::Number(0.001, 1e3)),
-    ("d", Kind::Number(0.0, 1.0)),
-    ("Tr", Kind::Number(0.0, 1.0)),
-    ("Pr", Kind::Number(0.0, 1.0)),
-    ("Pm", Kind::Number(0.0, 1.0)),
-    ("illum", Kind::Model),
-    ("map_Kd", Kind::Map),
-    ("map_Ke", Kind::Map),
-    ("map_d", Kind::Map),
-    ("map_Ka", Kind::Silent),
-    ("Tf", Kind::Silent),
-    ("sharpness", Kind::Silent),
-    ("map_aat", Kind::Silent),
-    ("map_Ks", Kind::Unsupported),
-    ("map_Ns", Kind::Unsupported),
-    ("map_Pr", Kind::Unsupported),
-    ("map_Pm", Kind::Unsupported),
-    ("map_Ps", Kind::Unsupported),
-    ("map_RMA", Kind::Unsupported),
-    ("map_ORM", Kind::Unsupported),
-    ("map_Tr", Kind::Unsupported),
-    ("map_bump", Kind::Unsupported),
-    ("bump", Kind::Unsupported),
-    ("norm", Kind::Unsupported),
-    ("disp", Kind::Unsupported),
-    ("decal", Kind::Unsupported),
-    ("refl", Kind::Unsupported),
-    ("Ps", Kind::Unsupported),
-    ("Pc", Kind::Unsupported),
-    ("Pcr", Kind::Unsupported),
-    ("aniso", Kind::Unsupported),
-    ("anisor", Kind::Unsupported),
-];
 
 /// Reads a library, `file` being its name for messages. Never fails: what cannot be read is missing.
 pub fn read(
@@ -121,10 +75,13 @@ pub fn read(
     // As with geometry: checked statements give tobj no reason to fail.
     match catch_unwind(|| tobj::load_mtl_buf(&mut library.text.as_bytes())) {
         Ok(Ok((materials, _))) => {
-            let materials = materials.into_iter().zip(library.places);
-            materials
-                .map(|(statements, place)| MtlMaterial { statements, place })
-                .collect()
+            let materials = materials.into_iter().zip(library.begins);
+            let bind = |(statements, (place, map_lines))| MtlMaterial {
+                statements,
+                place,
+                map_lines,
+            };
+            materials.map(bind).collect()
         }
         Ok(Err(_)) | Err(_) => {
             warnings.push(
@@ -140,8 +97,8 @@ pub fn read(
 #[derive(Default)]
 struct Library {
     text: String,
-    /// Where each material begins.
-    places: Vec<Place>,
+    /// Where each material begins, and the lines of its statements that name files.
+    begins: Vec<(Place, BTreeMap<&'static str, u64>)>,
     unsupported: BTreeMap<String, (Place, u64)>,
 }
 
@@ -157,11 +114,11 @@ impl Library {
                 warnings.push(place.clone(), "`newmtl` without a name");
                 name = "(unnamed)".to_owned();
             }
-            self.places.push(place.clone());
+            self.begins.push((place.clone(), BTreeMap::new()));
             self.push("newmtl", &name);
             return;
         }
-        if self.places.is_empty() {
+        if self.begins.is_empty() {
             let message = format!(
                 "`{}` before the first `newmtl` is ignored",
                 excerpt(keyword)
@@ -252,7 +209,7 @@ impl Library {
         let clamped = color.map(|x| if x > 0.0 { x.min(max) } else { 0.0 });
         if clamped != color && keyword != "Ka" {
             let message = format!(
-                "`{keyword} {}` is out of range and was clamped to 0..{max}",
+                "`{keyword} {}` is out of range and was clamped to 0..={max:?}",
                 excerpt(rest)
             );
             warnings.push(place.clone(), message);
@@ -292,7 +249,7 @@ impl Library {
         self.push(keyword, &format!("{clamped:e}"));
     }
 
-    fn map(&mut self, place: &Place, keyword: &str, rest: &[u8], warnings: &mut Warnings) {
+    fn map(&mut self, place: &Place, keyword: &'static str, rest: &[u8], warnings: &mut Warnings) {
         let (ignored, name) = split_options(rest);
         if !ignored.is_empty() {
             let message = format!(
@@ -310,53 +267,9 @@ impl Library {
             );
         } else {
             self.push(keyword, name);
-        }
-    }
-}
-
-fn number(word: &[u8]) -> Option<f64> {
-    std::str::from_utf8(word).ok()?.parse().ok()
-}
-
-/// Splits the options in front of a file name from it; returns those that would change the picture.
-fn split_options(rest: &[u8]) -> (Vec<String>, &[u8]) {
-    let mut ignored = Vec::new();
-    let mut rest = rest;
-    loop {
-        let (option, after) = split_keyword(rest);
-        // How many values an option has: at least, at most.
-        let (least, most, neutral): (usize, usize, &[u8]) = match option {
-            b"-s" => (1, 3, b"1"),
-            b"-o" | b"-t" => (1, 3, b"0"),
-            b"-mm" => (2, 2, b""),
-            b"-bm" | b"-boost" => (1, 1, b""),
-            b"-clamp" | b"-cc" => (1, 1, b"off"),
-            b"-blendu" | b"-blendv" => (1, 1, b"on"),
-            b"-texres" | b"-type" | b"-imfchan" | b"-colorspace" => (1, 1, b""),
-            _ => return (ignored, rest),
-        };
-        let mut text = decode(option);
-        let mut changes = false;
-        rest = after;
-        for index in 0..most {
-            let (value, after) = split_keyword(rest);
-            // The last word is the file name, even one that looks like a number.
-            if value.is_empty() || after.is_empty() || (index >= least && number(value).is_none()) {
-                break;
+            if let Some((_, map_lines)) = self.begins.last_mut() {
+                map_lines.insert(keyword, place.line);
             }
-            let same =
-                value == neutral || (number(value).is_some() && number(value) == number(neutral));
-            changes |= !same
-                && !matches!(
-                    option,
-                    b"-bm" | b"-texres" | b"-boost" | b"-blendu" | b"-blendv"
-                );
-            text.push(' ');
-            text.push_str(&excerpt(value));
-            rest = after;
-        }
-        if changes {
-            ignored.push(text);
         }
     }
 }
@@ -422,7 +335,7 @@ mod tests {
         assert_eq!(warnings.len(), 3);
         assert_eq!(
             warnings[0],
-            "t.mtl:2: `Kd -1 inf NaN` is out of range and was clamped to 0..1"
+            "t.mtl:2: `Kd -1 inf NaN` is out of range and was clamped to 0..=1.0"
         );
     }
 

@@ -23,7 +23,7 @@ pub struct ObjFile {
 
 /// Reads OBJ text of `file` (the name for messages), at most `max_bytes` of it.
 ///
-/// Triangles without area are left out, as are those with a vertex that is not finite; their vertices stay, for [`drop_unused_vertices`] to remove. Normals come out with length 1, or 0 where missing.
+/// Triangles without an area that f32 can express are left out, as are those with a vertex that is not finite; their vertices stay, for [`drop_unused_vertices`] to remove. Normals come out with length 1, or 0 where missing.
 ///
 /// # Errors
 /// When reading fails, a statement is malformed, or the file holds no triangle.
@@ -86,12 +86,11 @@ pub fn read(
         for corners in indices.chunks_exact(3) {
             let triangle = [first + corners[0], first + corners[1], first + corners[2]];
             let [a, b, c] = triangle.map(|index| mesh.positions[index as usize]);
-            // In f64, where slivers do not lose their area to rounding.
-            let [p, q, r] = [a, b, c].map(|corner| corner.as_dvec3());
-            let squared_area = (q - p).cross(r - p).length_squared();
+            // As a shader computes it: it cannot have a normal where this is 0.
+            let squared_area = (b - a).cross(c - a).length_squared();
             if !(a.is_finite() && b.is_finite() && c.is_finite()) {
                 not_finite += 1;
-            } else if squared_area > 0.0 {
+            } else if squared_area.is_normal() {
                 mesh.triangles.push(triangle);
                 mesh.materials.push(material);
             } else {
@@ -100,18 +99,20 @@ pub fn read(
         }
     }
     warnings.push_count(Place::new(file, 0), not_finite, |n| {
-        format!("{n} triangles with a vertex that is not finite were dropped")
+        format!("triangles dropped because a vertex is not finite: {n}")
     });
     warnings.push_count(Place::new(file, 0), without_area, |n| {
-        format!("{n} triangles without area were dropped")
+        format!("triangles dropped because they have no area: {n}")
     });
     if mesh.triangles.is_empty() {
+        let what = match without_area + not_finite {
+            0 => "the file holds no triangles".to_owned(),
+            count => {
+                format!("all {count} triangles lack an area, or have a vertex that is not finite")
+            }
+        };
         let help = "check that this is a Wavefront OBJ file with faces (`f`)";
-        return Err(SceneError::bad_data(
-            Place::new(file, 0),
-            "the file holds no triangles",
-            help,
-        ));
+        return Err(SceneError::bad_data(Place::new(file, 0), what, help));
     }
     let (material_names, material_libraries) =
         (statements.material_names, statements.material_libraries);
@@ -234,7 +235,7 @@ mod tests {
         );
         assert_eq!(
             warnings[1],
-            "t.obj: 2 triangles with a vertex that is not finite were dropped"
+            "t.obj: triangles dropped because a vertex is not finite: 2"
         );
     }
 

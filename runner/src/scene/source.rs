@@ -66,13 +66,13 @@ pub enum SourceError {
     #[error("there is no such file")]
     NotFound,
     /// The name leads out of the scene's folder.
-    #[error("lies outside the scene's folder (`--asset-root` allows another one)")]
+    #[error("it lies outside the scene's folder; `--asset-root` allows another one")]
     Outside,
     /// A folder, pipe, socket or device.
-    #[error("is not a regular file")]
+    #[error("it is not a regular file")]
     NotAFile,
     /// Larger than the limit.
-    #[error("is {bytes} bytes long, the limit is {max_bytes}")]
+    #[error("it has {bytes} bytes, the limit is {max_bytes}; `--max-size` raises it")]
     TooLarge {
         /// Its size.
         bytes: u64,

@@ -12,6 +12,7 @@ use std::io::Write as _;
 
 use super::error::{Place, SceneError, Warnings};
 use super::lines::{decode, excerpt, split_keyword, words};
+use super::numbers::{is_plain, parse, parse_index, write_corner, write_number, write_word};
 
 /// The most triangles, and the most positions, texture coordinates or normals, that a file may hold.
 pub const MAX_ELEMENTS: u32 = 1 << 25;
@@ -155,7 +156,7 @@ impl Statements {
 
     /// Adds the warnings that count over the whole file; call once it is read.
     pub fn finish(&mut self) {
-        let tallies = [
+        let mut tallies = [
             (self.colored, "vertex colours are ignored"),
             (
                 self.positions_not_finite,
@@ -178,6 +179,7 @@ impl Statements {
                 "faces with fewer than three corners were dropped",
             ),
         ];
+        tallies.sort_by_key(|(tally, _)| tally.first_line);
         for (tally, what) in tallies {
             if tally.count > 0 {
                 let message = format!("{what} ({} in all, the first on this line)", tally.count);
@@ -191,9 +193,10 @@ impl Statements {
     }
 
     fn malformed(&self, line: u64, keyword: &str, rest: &[u8], help: &str) -> SceneError {
+        let statement = format!("{keyword} {}", excerpt(rest));
         SceneError::bad_data(
             self.place(line),
-            format!("malformed statement `{keyword} {}`", excerpt(rest)),
+            format!("malformed statement `{}`", statement.trim()),
             help,
         )
     }
@@ -419,62 +422,4 @@ impl Statements {
             self.warnings.push(self.place(line), message);
         }
     }
-}
-
-/// Whether a number is written so that it can be neither infinite nor NaN, and needs no closer look.
-fn is_plain(word: &[u8]) -> bool {
-    word.len() <= 16
-        && word
-            .iter()
-            .all(|byte| matches!(byte, b'0'..=b'9' | b'.' | b'-' | b'+'))
-}
-
-fn parse(word: &[u8]) -> Option<f64> {
-    std::str::from_utf8(word).ok()?.parse().ok()
-}
-
-fn parse_index(word: &[u8]) -> Option<i64> {
-    let (negative, digits) = match word {
-        [b'-', digits @ ..] => (true, digits),
-        [b'+', digits @ ..] => (false, digits),
-        digits => (false, digits),
-    };
-    if digits.is_empty() {
-        return None;
-    }
-    let mut index = 0_i64;
-    for byte in digits {
-        let digit = byte.checked_sub(b'0').filter(|digit| *digit < 10)?;
-        // Saturates far outside any range.
-        index = index.saturating_mul(10).saturating_add(i64::from(digit));
-    }
-    Some(if negative { -index } else { index })
-}
-
-fn write_word(out: &mut Vec<u8>, word: &[u8]) {
-    out.push(b' ');
-    out.extend_from_slice(word);
-}
-
-fn write_number(out: &mut Vec<u8>, number: f64) {
-    write!(out, " {number:e}").expect("writing to memory succeeds");
-}
-
-fn write_corner(out: &mut Vec<u8>, indices: [u32; 3]) {
-    let mut digits = [0_u8; 33];
-    let mut start = digits.len();
-    for (list, &index) in indices.iter().enumerate().rev() {
-        let mut rest = index;
-        loop {
-            start -= 1;
-            digits[start] = b'0' + (rest % 10) as u8;
-            rest /= 10;
-            if rest == 0 {
-                break;
-            }
-        }
-        start -= 1;
-        digits[start] = if list == 0 { b' ' } else { b'/' };
-    }
-    out.extend_from_slice(&digits[start..]);
 }

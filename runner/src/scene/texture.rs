@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use super::Texture;
 use super::downscale;
 use super::error::{Place, Warnings};
-use super::source::{Source, SourceError, locate};
+use super::source::{Source, locate};
 
 /// Largest width and height accepted, in texels.
 pub const MAX_SIDE: u32 = 16384;
@@ -85,7 +85,7 @@ impl<'a> Textures<'a> {
             Ok(located) => {
                 if let Some(reason) = located.replaced {
                     let message = format!(
-                        "texture `{name}` {reason}; `{}` is used in its place",
+                        "texture `{name}`: {reason}; `{}` is used in its place",
                         located.name
                     );
                     warnings.push(place.clone(), message);
@@ -106,7 +106,7 @@ impl<'a> Textures<'a> {
             Err(reason) => {
                 warnings.push(
                     place.clone(),
-                    format!("texture `{name}` is left out: {}", describe(&reason)),
+                    format!("texture `{name}` is left out: {reason}"),
                 );
                 None
             }
@@ -165,10 +165,7 @@ impl<'a> Textures<'a> {
         let reduced = halvings.iter().filter(|&&count| count > 0).count() as u64;
         if let Some((request, _)) = unique.first() {
             warnings.push_count(Place::new(&request.place.file, 0), reduced, |count| {
-                let mib = budget_bytes >> 20;
-                format!(
-                    "{count} textures were reduced in size to fit the budget of {mib} MiB for all"
-                )
+                format!("textures were reduced in size to fit the budget of {budget_bytes} bytes for all: {count}")
             });
         }
 
@@ -215,10 +212,10 @@ impl<'a> Textures<'a> {
         let opened = self
             .source
             .open(&request.name)
-            .map_err(|error| describe(&error))?;
+            .map_err(|error| error.to_string())?;
         let contents = opened
             .read(self.max_file_bytes)
-            .map_err(|error| describe(&error))?;
+            .map_err(|error| error.to_string())?;
         let (format, size, decoded_bytes, note) = inspect_header(&contents)?;
         Ok(Inspected {
             digest: blake3::hash(&contents),
@@ -228,20 +225,6 @@ impl<'a> Textures<'a> {
             decoded_bytes,
             note,
         })
-    }
-}
-
-fn describe(error: &SourceError) -> String {
-    match error {
-        SourceError::NotFound => "there is no such file in the scene's folder".to_owned(),
-        SourceError::Outside => {
-            "it lies outside the scene's folder (`--asset-root` allows another)".to_owned()
-        }
-        SourceError::NotAFile => "it is not a regular file".to_owned(),
-        SourceError::TooLarge { bytes, max_bytes } => {
-            format!("it has {bytes} bytes, the limit is {max_bytes}")
-        }
-        SourceError::Io(error) => error.to_string(),
     }
 }
 

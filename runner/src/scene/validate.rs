@@ -3,7 +3,7 @@
 use glam::{Mat4, Vec3, Vec4};
 
 use super::error::SceneError;
-use super::mtl::MAX_RADIANCE;
+use super::keywords::MAX_RADIANCE;
 use super::{Environment, Instance, Material, Mesh, Motion, Scene, Texture};
 
 impl Scene {
