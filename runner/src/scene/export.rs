@@ -52,9 +52,7 @@ pub enum ExportError {
         source: io::Error,
     },
     /// The scene refers to something that it does not have.
-    #[error(
-        "scene `{scene}` cannot be exported: {fault}; this scene was not made by a reader or generator of weir"
-    )]
+    #[error("scene `{scene}` cannot be exported: {fault}; this scene was not made by a reader or generator of weir")]
     Scene {
         /// Name of the scene.
         scene: String,
@@ -73,10 +71,7 @@ pub enum ExportError {
 ///
 /// [`ExportError`]: the directory cannot be made, a file cannot be written, or an index in the scene is out of range.
 pub fn export(scene: &Scene, dir: &Path) -> Result<ExportReport, ExportError> {
-    check(scene).map_err(|fault| ExportError::Scene {
-        scene: scene.name.clone(),
-        fault,
-    })?;
+    check(scene).map_err(|fault| ExportError::Scene { scene: scene.name.clone(), fault })?;
     let name = file_stem(&scene.name);
     let material_names = mtl::unique_names(scene);
     let mut files = PendingFiles::in_dir(dir)?;
@@ -85,35 +80,21 @@ pub fn export(scene: &Scene, dir: &Path) -> Result<ExportReport, ExportError> {
     let mtl_name = format!("{name}.mtl");
     files.write(&format!("{name}.obj"), |out| {
         let counts = obj::write(scene, &mtl_name, &material_names, out)?;
-        report = ExportReport {
-            files: Vec::new(),
-            ..counts
-        };
+        report = ExportReport { files: Vec::new(), ..counts };
         Ok(())
     })?;
-    let texture_names: Vec<String> = (0..scene.textures.len())
-        .map(|index| format!("{name}-texture-{index}.png"))
-        .collect();
-    files.write(&mtl_name, |out| {
-        mtl::write(scene, &material_names, &texture_names, out)
-    })?;
+    let texture_names: Vec<String> =
+        (0..scene.textures.len()).map(|index| format!("{name}-texture-{index}.png")).collect();
+    files.write(&mtl_name, |out| mtl::write(scene, &material_names, &texture_names, out))?;
     for (texture, texture_name) in scene.textures.iter().zip(&texture_names) {
         files.write(texture_name, |out| write_png(texture, out))?;
     }
-    let environment = scene
-        .environment
-        .as_ref()
-        .map(|map| (map, format!("{name}-environment.exr")));
+    let environment = scene.environment.as_ref().map(|map| (map, format!("{name}-environment.exr")));
     if let Some((map, file)) = &environment {
         files.write(file, |out| write_exr(map, out))?;
     }
     if let Some(camera) = &scene.camera {
-        let view = CameraFile::new(
-            camera,
-            environment
-                .as_ref()
-                .map(|(map, file)| (*map, file.as_str())),
-        );
+        let view = CameraFile::new(camera, environment.as_ref().map(|(map, file)| (*map, file.as_str())));
         files.write(&format!("{name}-camera.json"), |out| {
             serde_json::to_writer_pretty(&mut *out, &view)?;
             writeln!(out)
@@ -128,23 +109,14 @@ pub fn export(scene: &Scene, dir: &Path) -> Result<ExportReport, ExportError> {
 fn check(scene: &Scene) -> Result<(), String> {
     for (index, instance) in scene.instances.iter().enumerate() {
         if instance.mesh as usize >= scene.meshes.len() {
-            return Err(format!(
-                "instance {index} refers to mesh {}, there are {}",
-                instance.mesh,
-                scene.meshes.len()
-            ));
+            return Err(format!("instance {index} refers to mesh {}, there are {}", instance.mesh, scene.meshes.len()));
         }
     }
     for mesh in &scene.meshes {
         let (name, count) = (&mesh.name, mesh.positions.len());
-        let optional = [
-            ("normals", mesh.normals.len()),
-            ("texture coordinates", mesh.uvs.len()),
-        ];
+        let optional = [("normals", mesh.normals.len()), ("texture coordinates", mesh.uvs.len())];
         if let Some((what, n)) = optional.into_iter().find(|&(_, n)| n != 0 && n != count) {
-            return Err(format!(
-                "mesh `{name}` has {n} {what} for {count} positions"
-            ));
+            return Err(format!("mesh `{name}` has {n} {what} for {count} positions"));
         }
         if mesh.materials.len() != mesh.triangles.len() {
             return Err(format!(
@@ -153,64 +125,29 @@ fn check(scene: &Scene) -> Result<(), String> {
                 mesh.triangles.len()
             ));
         }
-        if let Some(corner) = mesh
-            .triangles
-            .iter()
-            .flatten()
-            .find(|&&corner| corner as usize >= count)
-        {
-            return Err(format!(
-                "mesh `{name}` refers to vertex {corner}, it has {count}"
-            ));
+        if let Some(corner) = mesh.triangles.iter().flatten().find(|&&corner| corner as usize >= count) {
+            return Err(format!("mesh `{name}` refers to vertex {corner}, it has {count}"));
         }
-        if let Some(material) = mesh
-            .materials
-            .iter()
-            .find(|&&material| material as usize >= scene.materials.len())
-        {
-            return Err(format!(
-                "mesh `{name}` refers to material {material}, there are {}",
-                scene.materials.len()
-            ));
+        if let Some(material) = mesh.materials.iter().find(|&&material| material as usize >= scene.materials.len()) {
+            return Err(format!("mesh `{name}` refers to material {material}, there are {}", scene.materials.len()));
         }
     }
     for material in &scene.materials {
-        let used = [
-            material.base_color_texture,
-            material.emission_texture,
-            material.alpha_texture,
-        ];
-        if let Some(texture) = used
-            .into_iter()
-            .flatten()
-            .find(|&texture| texture as usize >= scene.textures.len())
-        {
+        let used = [material.base_color_texture, material.emission_texture, material.alpha_texture];
+        if let Some(texture) = used.into_iter().flatten().find(|&texture| texture as usize >= scene.textures.len()) {
             let count = scene.textures.len();
-            return Err(format!(
-                "material `{}` refers to texture {texture}, there are {count}",
-                material.name
-            ));
+            return Err(format!("material `{}` refers to texture {texture}, there are {count}", material.name));
         }
     }
     for texture in &scene.textures {
-        check_image(
-            &texture.name,
-            texture.width,
-            texture.height,
-            texture.texels.len(),
-        )?;
+        check_image(&texture.name, texture.width, texture.height, texture.texels.len())?;
     }
-    scene
-        .environment
-        .iter()
-        .try_for_each(|map| check_image(&map.name, map.width, map.height, map.texels.len()))
+    scene.environment.iter().try_for_each(|map| check_image(&map.name, map.width, map.height, map.texels.len()))
 }
 
 fn check_image(name: &str, width: u32, height: u32, texels: usize) -> Result<(), String> {
     if u64::from(width) * u64::from(height) != texels as u64 || texels == 0 {
-        return Err(format!(
-            "image `{name}` has {texels} texels for {width} x {height}"
-        ));
+        return Err(format!("image `{name}` has {texels} texels for {width} x {height}"));
     }
     Ok(())
 }
@@ -218,16 +155,9 @@ fn check_image(name: &str, width: u32, height: u32, texels: usize) -> Result<(),
 /// `name` as it can stand in a file name, and unquoted in an OBJ or MTL file.
 fn file_stem(name: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-');
-    let stem: String = name
-        .chars()
-        .map(|c| if is_plain(c) { c } else { '_' })
-        .collect();
+    let stem: String = name.chars().map(|c| if is_plain(c) { c } else { '_' }).collect();
     // A leading dot would hide the file, an empty name would be one.
-    if stem.is_empty() || stem.starts_with('.') {
-        format!("scene{stem}")
-    } else {
-        stem
-    }
+    if stem.is_empty() || stem.starts_with('.') { format!("scene{stem}") } else { stem }
 }
 
 /// The camera file.
@@ -274,11 +204,7 @@ fn write_png(texture: &Texture, out: &mut impl Write) -> io::Result<()> {
     let mut encoder = png::Encoder::new(out, texture.width, texture.height);
     encoder.set_color(png::ColorType::Rgba);
     encoder.set_depth(png::BitDepth::Eight);
-    let bytes: Vec<u8> = texture
-        .texels
-        .iter()
-        .flat_map(|texel| texel.to_le_bytes())
-        .collect();
+    let bytes: Vec<u8> = texture.texels.iter().flat_map(|texel| texel.to_le_bytes()).collect();
     let mut writer = encoder.write_header()?;
     writer.write_image_data(&bytes)?;
     writer.finish()?;
@@ -292,10 +218,7 @@ fn write_exr(map: &Environment, out: &mut (impl Write + io::Seek)) -> io::Result
         let [r, g, b] = map.texels[at.y() * size.0 + at.x()];
         (r, g, b)
     });
-    Image::from_channels(size, channels)
-        .write()
-        .to_buffered(out)
-        .map_err(io::Error::other)
+    Image::from_channels(size, channels).write().to_buffered(out).map_err(io::Error::other)
 }
 
 #[cfg(test)]

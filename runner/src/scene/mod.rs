@@ -4,8 +4,26 @@
 //! ([`crate::scene::builtin`]) make a [`Scene`]; [`Scene::validate`] is what they must satisfy, and what the
 //! packing into GPU buffers relies on.
 
+pub mod bounds;
 pub mod builtin;
+pub mod camera;
+mod downscale;
+pub mod environment;
+pub mod error;
 pub mod export;
+mod keywords;
+mod lines;
+pub mod load;
+mod map_options;
+mod material;
+pub mod mtl;
+mod normalize;
+mod numbers;
+pub mod obj;
+pub mod source;
+mod statements;
+mod texture;
+mod validate;
 
 use glam::{Mat4, Vec2, Vec3};
 
@@ -88,22 +106,14 @@ impl Instance {
         use core::f32::consts::TAU;
         match self.motion {
             Motion::Still => self.world_from_object,
-            Motion::Turn {
-                center,
-                axis,
-                turns_per_second,
-            } => {
+            Motion::Turn { center, axis, turns_per_second } => {
                 let angle = TAU * (turns_per_second * time_s).fract();
                 Mat4::from_translation(center)
                     * Mat4::from_axis_angle(axis, angle)
                     * Mat4::from_translation(-center)
                     * self.world_from_object
             }
-            Motion::Swing {
-                offset,
-                frequency_hz,
-                phase,
-            } => {
+            Motion::Swing { offset, frequency_hz, phase } => {
                 let angle = TAU * (frequency_hz * time_s + phase).fract();
                 Mat4::from_translation(offset * angle.sin()) * self.world_from_object
             }

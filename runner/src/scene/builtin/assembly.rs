@@ -13,12 +13,7 @@ pub(super) struct Assembly {
 impl Assembly {
     /// An empty scene.
     pub(super) fn new(name: &str) -> Self {
-        Self {
-            scene: Scene {
-                name: name.to_owned(),
-                ..Scene::default()
-            },
-        }
+        Self { scene: Scene { name: name.to_owned(), ..Scene::default() } }
     }
 
     /// What has been assembled, seen from `camera`.
@@ -29,25 +24,15 @@ impl Assembly {
 
     /// How many triangles of a mesh emit light.
     pub(super) fn emissive_triangles_of(&self, mesh: u32) -> usize {
-        let emits =
-            |&material: &u32| self.scene.materials[material as usize].emission != Vec3::ZERO;
-        self.scene.meshes[mesh as usize]
-            .materials
-            .iter()
-            .filter(|material| emits(material))
-            .count()
+        let emits = |&material: &u32| self.scene.materials[material as usize].emission != Vec3::ZERO;
+        self.scene.meshes[mesh as usize].materials.iter().filter(|material| emits(material)).count()
     }
 
     /// How many triangles emit light so far, over all instances.
     pub(super) fn emissive_triangles(&self) -> usize {
-        let of_mesh: Vec<usize> = (0..self.scene.meshes.len() as u32)
-            .map(|mesh| self.emissive_triangles_of(mesh))
-            .collect();
-        self.scene
-            .instances
-            .iter()
-            .map(|instance| of_mesh[instance.mesh as usize])
-            .sum()
+        let of_mesh: Vec<usize> =
+            (0..self.scene.meshes.len() as u32).map(|mesh| self.emissive_triangles_of(mesh)).collect();
+        self.scene.instances.iter().map(|instance| of_mesh[instance.mesh as usize]).sum()
     }
 
     fn material(&mut self, material: Material) -> u32 {
@@ -57,11 +42,7 @@ impl Assembly {
 
     /// A Lambertian surface.
     pub(super) fn matte(&mut self, name: &str, base_color: [f32; 3]) -> u32 {
-        self.material(Material {
-            name: name.to_owned(),
-            base_color: base_color.into(),
-            ..Material::default()
-        })
+        self.material(Material { name: name.to_owned(), base_color: base_color.into(), ..Material::default() })
     }
 
     /// A coated surface: Lambert under a dielectric of refractive index 1.5.
@@ -98,11 +79,7 @@ impl Assembly {
     }
 
     /// Adds a mesh; `shape` fills it.
-    pub(super) fn mesh(
-        &mut self,
-        name: impl Into<String>,
-        shape: impl FnOnce(&mut MeshBuilder),
-    ) -> u32 {
+    pub(super) fn mesh(&mut self, name: impl Into<String>, shape: impl FnOnce(&mut MeshBuilder)) -> u32 {
         let mut builder = MeshBuilder::new(name);
         shape(&mut builder);
         self.scene.meshes.push(builder.finish());
@@ -116,10 +93,6 @@ impl Assembly {
 
     /// Places a mesh that moves.
     pub(super) fn place_moving(&mut self, mesh: u32, world_from_object: Mat4, motion: Motion) {
-        self.scene.instances.push(Instance {
-            mesh,
-            world_from_object,
-            motion,
-        });
+        self.scene.instances.push(Instance { mesh, world_from_object, motion });
     }
 }

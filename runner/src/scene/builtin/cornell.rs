@@ -23,84 +23,22 @@ pub fn build() -> Scene {
     let walls = scene.mesh("walls", |m| {
         let (left, right, front, back) = (-1.0, 1.0, 1.0, -1.0);
         let wall = |corners: [(f32, f32, f32); 4]| corners.map(|(x, y, z)| corner(x, y, z));
-        m.quad(
-            wall([
-                (left, 0.0, front),
-                (right, 0.0, front),
-                (right, 0.0, back),
-                (left, 0.0, back),
-            ]),
-            white,
-        );
-        m.quad(
-            wall([
-                (left, 1.0, back),
-                (right, 1.0, back),
-                (right, 1.0, front),
-                (left, 1.0, front),
-            ]),
-            white,
-        );
-        m.quad(
-            wall([
-                (left, 0.0, back),
-                (right, 0.0, back),
-                (right, 1.0, back),
-                (left, 1.0, back),
-            ]),
-            white,
-        );
-        m.quad(
-            wall([
-                (left, 0.0, front),
-                (left, 0.0, back),
-                (left, 1.0, back),
-                (left, 1.0, front),
-            ]),
-            red,
-        );
-        m.quad(
-            wall([
-                (right, 0.0, back),
-                (right, 0.0, front),
-                (right, 1.0, front),
-                (right, 1.0, back),
-            ]),
-            green,
-        );
+        m.quad(wall([(left, 0.0, front), (right, 0.0, front), (right, 0.0, back), (left, 0.0, back)]), white);
+        m.quad(wall([(left, 1.0, back), (right, 1.0, back), (right, 1.0, front), (left, 1.0, front)]), white);
+        m.quad(wall([(left, 0.0, back), (right, 0.0, back), (right, 1.0, back), (left, 1.0, back)]), white);
+        m.quad(wall([(left, 0.0, front), (left, 0.0, back), (left, 1.0, back), (left, 1.0, front)]), red);
+        m.quad(wall([(right, 0.0, back), (right, 0.0, front), (right, 1.0, front), (right, 1.0, back)]), green);
     });
-    let short = scene.mesh("short block", |m| {
-        m.cuboid(vec3(-0.3, -0.01, -0.3), vec3(0.3, 0.6, 0.3), white)
-    });
-    let tall = scene.mesh("tall block", |m| {
-        m.cuboid(vec3(-0.3, -0.01, -0.3), vec3(0.3, 1.2, 0.3), block)
-    });
+    let short = scene.mesh("short block", |m| m.cuboid(vec3(-0.3, -0.01, -0.3), vec3(0.3, 0.6, 0.3), white));
+    let tall = scene.mesh("tall block", |m| m.cuboid(vec3(-0.3, -0.01, -0.3), vec3(0.3, 1.2, 0.3), block));
     let lamp = scene.mesh("light", |m| {
         // A hair below the ceiling, facing down.
-        m.grid(
-            vec3(-0.26, HEIGHT - 0.01, 0.20),
-            Vec3::X * 0.52,
-            Vec3::Z * 0.40,
-            1,
-            1,
-            light,
-        );
+        m.grid(vec3(-0.26, HEIGHT - 0.01, 0.20), Vec3::X * 0.52, Vec3::Z * 0.40, 1, 1, light);
     });
 
     scene.place(walls, Mat4::IDENTITY);
-    scene.place(
-        short,
-        Mat4::from_translation(vec3(0.36, 0.0, -0.08)) * rotation(Vec3::Y, -0.05),
-    );
-    scene.place(
-        tall,
-        Mat4::from_translation(vec3(-0.36, 0.0, -0.50)) * rotation(Vec3::Y, 0.055),
-    );
+    scene.place(short, Mat4::from_translation(vec3(0.36, 0.0, -0.08)) * rotation(Vec3::Y, -0.05));
+    scene.place(tall, Mat4::from_translation(vec3(-0.36, 0.0, -0.50)) * rotation(Vec3::Y, 0.055));
     scene.place(lamp, Mat4::IDENTITY);
-    scene.finish(Camera {
-        origin: vec3(0.0, 1.0, 4.0),
-        target: vec3(0.0, 1.0, 0.0),
-        up: Vec3::Y,
-        vfov_deg: 38.0,
-    })
+    scene.finish(Camera { origin: vec3(0.0, 1.0, 4.0), target: vec3(0.0, 1.0, 0.0), up: Vec3::Y, vfov_deg: 38.0 })
 }

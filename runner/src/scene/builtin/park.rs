@@ -67,8 +67,7 @@ struct Plot {
 pub fn build() -> Scene {
     let mut scene = Assembly::new("park");
     let mut rng = Pcg::new(1893);
-    let bulbs =
-        Bulbs(COLORS.map(|(name, tint)| scene.lamp(&format!("{name} bulb"), tint, BULB_RADIANCE)));
+    let bulbs = Bulbs(COLORS.map(|(name, tint)| scene.lamp(&format!("{name} bulb"), tint, BULB_RADIANCE)));
 
     let grounds = Grounds::new(&mut scene, bulbs, &mut rng);
     grounds.floor(&mut scene);
@@ -79,12 +78,7 @@ pub fn build() -> Scene {
     plots.extend(coaster::place(&mut scene, bulbs));
     plant(&mut scene, &grounds, &plots, &mut rng);
 
-    scene.finish(Camera {
-        origin: vec3(1.2, 3.0, 55.0),
-        target: vec3(-3.5, 9.0, 0.0),
-        up: Vec3::Y,
-        vfov_deg: 52.0,
-    })
+    scene.finish(Camera { origin: vec3(1.2, 3.0, 55.0), target: vec3(-3.5, 9.0, 0.0), up: Vec3::Y, vfov_deg: 52.0 })
 }
 
 /// Plants trees wherever there is room until the park has its number of lights.
@@ -95,13 +89,8 @@ fn plant(scene: &mut Assembly, grounds: &Grounds, plots: &[Plot], rng: &mut Pcg)
     // Room for twice as many trees as are wanted, so this many tries are plenty.
     for _ in 0..40_000 {
         let at = vec2(rng.between(-115.0, 115.0), rng.between(-82.0, 62.0));
-        let in_lane = LANES
-            .iter()
-            .any(|lane| (at.x - lane).abs() < STALL_OFFSET + 4.2)
-            && at.y > -52.0;
-        let in_plot = plots
-            .iter()
-            .any(|plot| at.distance(plot.center) < plot.radius + 2.5);
+        let in_lane = LANES.iter().any(|lane| (at.x - lane).abs() < STALL_OFFSET + 4.2) && at.y > -52.0;
+        let in_plot = plots.iter().any(|plot| at.distance(plot.center) < plot.radius + 2.5);
         let is_crowded = trees.iter().any(|tree| at.distance(*tree) < SPACING);
         if in_lane || in_plot || is_crowded {
             continue;
@@ -113,16 +102,9 @@ fn plant(scene: &mut Assembly, grounds: &Grounds, plots: &[Plot], rng: &mut Pcg)
         }
         missing = missing.saturating_sub(lights);
         trees.push(at);
-        let size = vec3(
-            rng.between(0.85, 1.15),
-            rng.between(0.85, 1.4),
-            rng.between(0.85, 1.15),
-        );
+        let size = vec3(rng.between(0.85, 1.15), rng.between(0.85, 1.4), rng.between(0.85, 1.15));
         let foot = Mat4::from_translation(vec3(at.x, 0.0, at.y));
-        scene.place(
-            tree,
-            foot * rotation(Vec3::Y, rng.unit()) * Mat4::from_scale(size),
-        );
+        scene.place(tree, foot * rotation(Vec3::Y, rng.unit()) * Mat4::from_scale(size));
     }
 }
 
@@ -136,30 +118,15 @@ mod tests {
         let scene = build();
         let unique: usize = scene.meshes.iter().map(|mesh| mesh.triangles.len()).sum();
         assert!(unique < 250_000, "{unique} triangles");
-        assert!(
-            (1_000..=10_000).contains(&scene.instances.len()),
-            "{} instances",
-            scene.instances.len()
-        );
+        assert!((1_000..=10_000).contains(&scene.instances.len()), "{} instances", scene.instances.len());
     }
 
     #[test]
     fn wheels_turn_and_cars_swing() {
         let scene = build();
-        let turning = scene
-            .instances
-            .iter()
-            .filter(|i| matches!(i.motion, Motion::Turn { .. }))
-            .count();
-        let swinging = scene
-            .instances
-            .iter()
-            .filter(|i| matches!(i.motion, Motion::Swing { .. }))
-            .count();
-        assert!(
-            turning >= 100 && swinging >= 20,
-            "{turning} turn, {swinging} swing"
-        );
+        let turning = scene.instances.iter().filter(|i| matches!(i.motion, Motion::Turn { .. })).count();
+        let swinging = scene.instances.iter().filter(|i| matches!(i.motion, Motion::Swing { .. })).count();
+        assert!(turning >= 100 && swinging >= 20, "{turning} turn, {swinging} swing");
     }
 
     #[test]
@@ -168,12 +135,8 @@ mod tests {
         for instance in &scene.instances {
             if let Motion::Turn { center, axis, .. } = instance.motion {
                 assert!(axis.is_normalized());
-                let distance = |time_s: f32| {
-                    instance
-                        .world_from_object_at(time_s)
-                        .transform_point3(Vec3::X)
-                        .distance(center)
-                };
+                let distance =
+                    |time_s: f32| instance.world_from_object_at(time_s).transform_point3(Vec3::X).distance(center);
                 assert!((distance(0.0) - distance(7.3)).abs() < 1e-3);
             }
         }

@@ -10,9 +10,7 @@ pub(super) struct Pcg {
 impl Pcg {
     /// A stream of its own for each `seed`.
     pub(super) fn new(seed: u64) -> Self {
-        let mut pcg = Self {
-            state: seed.wrapping_add(0x9e37_79b9_7f4a_7c15),
-        };
+        let mut pcg = Self { state: seed.wrapping_add(0x9e37_79b9_7f4a_7c15) };
         pcg.next_u32();
         pcg
     }
@@ -20,9 +18,7 @@ impl Pcg {
     /// 32 uniform bits.
     pub(super) fn next_u32(&mut self) -> u32 {
         let state = self.state;
-        self.state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        self.state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         let folded = (((state >> 18) ^ state) >> 27) as u32;
         folded.rotate_right((state >> 59) as u32)
     }

@@ -49,9 +49,7 @@ fn world_from_room(floor: u32, slot: i32, side: Side) -> Mat4 {
     let (x, y) = (slot as f32 * ROOM_WIDTH, floor as f32 * STOREY);
     match side {
         Side::Front => Mat4::from_translation(vec3(x, y, CORRIDOR_HALF)),
-        Side::Back => {
-            Mat4::from_translation(vec3(x + ROOM_WIDTH, y, -CORRIDOR_HALF)) * rotation(Vec3::Y, 0.5)
-        }
+        Side::Back => Mat4::from_translation(vec3(x + ROOM_WIDTH, y, -CORRIDOR_HALF)) * rotation(Vec3::Y, 0.5),
     }
 }
 
@@ -66,8 +64,7 @@ fn showpiece(floor: u32, slot: i32, side: Side) -> Option<(Use, usize)> {
         (Use::MeetingRoom, BLUE),
     ];
     let place = 2 * slot as usize + usize::from(side == Side::Back);
-    (place < SHOWPIECES.len())
-        .then(|| SHOWPIECES[(place + 2 * floor as usize + 2) % SHOWPIECES.len()])
+    (place < SHOWPIECES.len()).then(|| SHOWPIECES[(place + 2 * floor as usize + 2) % SHOWPIECES.len()])
 }
 
 /// Six floors of 24 rooms along a corridor that starts in a lobby; the camera stands in the lobby of the third.
@@ -79,33 +76,14 @@ pub fn build() -> Scene {
 
     for floor in 0..FLOORS {
         shell.storey(&mut scene, floor);
-        let mut decorator = Decorator {
-            scene: &mut scene,
-            kit: &kit,
-            rng: &mut rng,
-        };
-        decorator.lobby(Mat4::from_translation(vec3(
-            -LOBBY_LENGTH,
-            floor as f32 * STOREY,
-            0.0,
-        )));
-        decorator.corridor(Mat4::from_translation(vec3(
-            0.0,
-            floor as f32 * STOREY,
-            0.0,
-        )));
+        let mut decorator = Decorator { scene: &mut scene, kit: &kit, rng: &mut rng };
+        decorator.lobby(Mat4::from_translation(vec3(-LOBBY_LENGTH, floor as f32 * STOREY, 0.0)));
+        decorator.corridor(Mat4::from_translation(vec3(0.0, floor as f32 * STOREY, 0.0)));
         for slot in 0..ROOMS_A_SIDE as i32 {
             for side in [Side::Front, Side::Back] {
                 shell.room(&mut scene, floor, slot, side, &mut rng);
-                let mut decorator = Decorator {
-                    scene: &mut scene,
-                    kit: &kit,
-                    rng: &mut rng,
-                };
-                decorator.room(
-                    world_from_room(floor, slot, side),
-                    showpiece(floor, slot, side),
-                );
+                let mut decorator = Decorator { scene: &mut scene, kit: &kit, rng: &mut rng };
+                decorator.room(world_from_room(floor, slot, side), showpiece(floor, slot, side));
             }
         }
     }
@@ -130,10 +108,7 @@ mod tests {
             for corner in [Vec3::ZERO, vec3(ROOM_WIDTH, 0.0, ROOM_DEPTH)] {
                 let p = world_from_room(3, 2, side).transform_point3(corner);
                 assert!((10.0 - 1e-4..=15.0 + 1e-4).contains(&p.x), "{p}");
-                assert!(
-                    (CORRIDOR_HALF - 1e-4..=BUILDING_HALF + 1e-4).contains(&p.z.abs()),
-                    "{p}"
-                );
+                assert!((CORRIDOR_HALF - 1e-4..=BUILDING_HALF + 1e-4).contains(&p.z.abs()), "{p}");
                 assert_eq!(p.z > 0.0, side == Side::Front);
             }
         }
@@ -148,9 +123,6 @@ mod tests {
                 doors[(instance.world_from_object.w_axis.y / STOREY).round() as usize] += 1;
             }
         }
-        assert!(
-            doors.iter().all(|count| (20..=40).contains(count)),
-            "{doors:?}"
-        );
+        assert!(doors.iter().all(|count| (20..=40).contains(count)), "{doors:?}");
     }
 }

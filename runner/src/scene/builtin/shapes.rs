@@ -16,12 +16,8 @@ pub(super) fn sin_cos(turns: f32) -> (f32, f32) {
     let nearest = quarters.round();
     let x = (quarters - nearest) * core::f64::consts::FRAC_PI_2;
     let xx = x * x;
-    let sin = x
-        * (1.0
-            - xx / 6.0
-                * (1.0 - xx / 20.0 * (1.0 - xx / 42.0 * (1.0 - xx / 72.0 * (1.0 - xx / 110.0)))));
-    let cos = 1.0
-        - xx / 2.0 * (1.0 - xx / 12.0 * (1.0 - xx / 30.0 * (1.0 - xx / 56.0 * (1.0 - xx / 90.0))));
+    let sin = x * (1.0 - xx / 6.0 * (1.0 - xx / 20.0 * (1.0 - xx / 42.0 * (1.0 - xx / 72.0 * (1.0 - xx / 110.0)))));
+    let cos = 1.0 - xx / 2.0 * (1.0 - xx / 12.0 * (1.0 - xx / 30.0 * (1.0 - xx / 56.0 * (1.0 - xx / 90.0))));
     let (sin, cos) = match (nearest as i64).rem_euclid(4) {
         0 => (sin, cos),
         1 => (cos, -sin),
@@ -34,14 +30,8 @@ pub(super) fn sin_cos(turns: f32) -> (f32, f32) {
 /// A turn about `axis` (of length 1), counter-clockwise seen from its tip.
 pub(super) fn rotation(axis: Vec3, turns: f32) -> Mat4 {
     let (sin, cos) = sin_cos(turns);
-    let column =
-        |v: Vec3| (v * cos + axis.cross(v) * sin + axis * (axis.dot(v) * (1.0 - cos))).extend(0.0);
-    Mat4::from_cols(
-        column(Vec3::X),
-        column(Vec3::Y),
-        column(Vec3::Z),
-        glam::Vec4::W,
-    )
+    let column = |v: Vec3| (v * cos + axis.cross(v) * sin + axis * (axis.dot(v) * (1.0 - cos))).extend(0.0);
+    Mat4::from_cols(column(Vec3::X), column(Vec3::Y), column(Vec3::Z), glam::Vec4::W)
 }
 
 /// The point at `turns` on a circle in the xz plane: from +x towards -z, counter-clockwise seen from above.
@@ -52,11 +42,7 @@ pub(super) fn on_circle(radius: f32, turns: f32) -> Vec3 {
 
 /// Two directions that complete a direction to a right-handed frame: `first x second = direction`.
 pub(super) fn perpendiculars(direction: Vec3) -> (Vec3, Vec3) {
-    let other = if direction.y.abs() < 0.9 {
-        Vec3::Y
-    } else {
-        Vec3::X
-    };
+    let other = if direction.y.abs() < 0.9 { Vec3::Y } else { Vec3::X };
     let first = other.cross(direction).normalize();
     (first, direction.cross(first))
 }
@@ -69,12 +55,7 @@ pub(super) struct MeshBuilder {
 impl MeshBuilder {
     /// An empty mesh.
     pub(super) fn new(name: impl Into<String>) -> Self {
-        Self {
-            mesh: Mesh {
-                name: name.into(),
-                ..Mesh::default()
-            },
-        }
+        Self { mesh: Mesh { name: name.into(), ..Mesh::default() } }
     }
 
     /// What has been built.
@@ -95,24 +76,14 @@ impl MeshBuilder {
 
     /// A flat quad, counter-clockwise seen from the front; not closed.
     pub(super) fn quad(&mut self, corners: [Vec3; 4], material: u32) {
-        let normal = (corners[1] - corners[0])
-            .cross(corners[3] - corners[0])
-            .normalize();
+        let normal = (corners[1] - corners[0]).cross(corners[3] - corners[0]).normalize();
         let [a, b, c, d] = corners.map(|corner| self.vertex(corner, normal));
         self.triangle([a, b, c], material);
         self.triangle([a, c, d], material);
     }
 
     /// A parallelogram of `columns` by `rows` quads, in front of `u` x `v`; not closed.
-    pub(super) fn grid(
-        &mut self,
-        corner: Vec3,
-        u: Vec3,
-        v: Vec3,
-        columns: u32,
-        rows: u32,
-        material: u32,
-    ) {
+    pub(super) fn grid(&mut self, corner: Vec3, u: Vec3, v: Vec3, columns: u32, rows: u32, material: u32) {
         let normal = u.cross(v).normalize();
         let first = self.mesh.positions.len() as u32;
         for row in 0..=rows {
@@ -162,14 +133,7 @@ impl MeshBuilder {
 
     /// A cone or a part of one, with flat ends; `to.1` may be 0 for a tip, `from.1` must be positive.
     /// The side has `sides` by `segments` quads.
-    pub(super) fn frustum(
-        &mut self,
-        from: (Vec3, f32),
-        to: (Vec3, f32),
-        sides: u32,
-        segments: u32,
-        material: u32,
-    ) {
+    pub(super) fn frustum(&mut self, from: (Vec3, f32), to: (Vec3, f32), sides: u32, segments: u32, material: u32) {
         let along = to.0 - from.0;
         let axis = along.normalize();
         let (u, v) = perpendiculars(axis);
@@ -203,15 +167,9 @@ impl MeshBuilder {
             if !is_open {
                 continue;
             }
-            let rim: Vec<u32> = (0..sides)
-                .map(|side| self.vertex(point(ring, side), normal))
-                .collect();
+            let rim: Vec<u32> = (0..sides).map(|side| self.vertex(point(ring, side), normal)).collect();
             for pair in rim[1..].windows(2) {
-                let corners = if ring == 0 {
-                    [rim[0], pair[1], pair[0]]
-                } else {
-                    [rim[0], pair[0], pair[1]]
-                };
+                let corners = if ring == 0 { [rim[0], pair[1], pair[0]] } else { [rim[0], pair[0], pair[1]] };
                 self.triangle(corners, material);
             }
         }
@@ -235,15 +193,7 @@ impl MeshBuilder {
     }
 
     /// A ring (torus) about `axis`, of length 1.
-    pub(super) fn ring(
-        &mut self,
-        center: Vec3,
-        axis: Vec3,
-        radius: f32,
-        thickness: f32,
-        segments: u32,
-        material: u32,
-    ) {
+    pub(super) fn ring(&mut self, center: Vec3, axis: Vec3, radius: f32, thickness: f32, segments: u32, material: u32) {
         const SIDES: u32 = 6;
         let (u, v) = perpendiculars(axis);
         let first = self.mesh.positions.len() as u32;
@@ -253,17 +203,11 @@ impl MeshBuilder {
             for side in 0..SIDES {
                 let (sin, cos) = sin_cos(side as f32 / SIDES as f32);
                 let normal = outward * cos + axis * sin;
-                self.vertex(
-                    center + outward * radius + normal * thickness,
-                    normal.normalize(),
-                );
+                self.vertex(center + outward * radius + normal * thickness, normal.normalize());
             }
         }
         for segment in 0..segments {
-            let (here, next) = (
-                first + segment * SIDES,
-                first + (segment + 1) % segments * SIDES,
-            );
+            let (here, next) = (first + segment * SIDES, first + (segment + 1) % segments * SIDES);
             for side in 0..SIDES {
                 let beside = (side + 1) % SIDES;
                 self.triangle([here + side, next + side, next + beside], material);
@@ -332,16 +276,11 @@ mod tests {
     /// Every edge must be walked once each way; vertices are one where their positions are equal.
     fn is_watertight(mesh: &Mesh) -> bool {
         let mut balance: HashMap<[[u32; 3]; 2], i32> = HashMap::new();
-        let key = |vertex: u32| {
-            mesh.positions[vertex as usize]
-                .to_array()
-                .map(|x| (x + 0.0).to_bits())
-        };
+        let key = |vertex: u32| mesh.positions[vertex as usize].to_array().map(|x| (x + 0.0).to_bits());
         for &[a, b, c] in &mesh.triangles {
             for (from, to) in [(a, b), (b, c), (c, a)] {
                 let (from, to) = (key(from), key(to));
-                *balance.entry([from.min(to), from.max(to)]).or_default() +=
-                    if from < to { 1 } else { -1 };
+                *balance.entry([from.min(to), from.max(to)]).or_default() += if from < to { 1 } else { -1 };
             }
         }
         balance.values().all(|&sum| sum == 0)
@@ -368,36 +307,17 @@ mod tests {
     fn solids_are_watertight_and_face_outward() {
         let (from, to) = (vec3(0.2, -0.4, 0.1), vec3(0.7, 0.9, -0.3));
         let solids = [
-            (
-                "cuboid",
-                built(|m| m.cuboid(vec3(-1.0, -2.0, -3.0), vec3(2.0, 1.0, 0.5), 0)),
-                31.5,
-            ),
-            (
-                "turned",
-                built(|m| m.cuboid_in(rotation(Vec3::Y, 0.1), -Vec3::ONE, Vec3::ONE, 0)),
-                8.0,
-            ),
+            ("cuboid", built(|m| m.cuboid(vec3(-1.0, -2.0, -3.0), vec3(2.0, 1.0, 0.5), 0)), 31.5),
+            ("turned", built(|m| m.cuboid_in(rotation(Vec3::Y, 0.1), -Vec3::ONE, Vec3::ONE, 0)), 8.0),
             ("tube", built(|m| m.tube(from, to, 0.2, 64, 0)), 0.1827),
-            (
-                "cone",
-                built(|m| m.frustum((Vec3::ZERO, 1.0), (Vec3::Y * 3.0, 0.0), 96, 3, 0)),
-                3.1394,
-            ),
+            ("cone", built(|m| m.frustum((Vec3::ZERO, 1.0), (Vec3::Y * 3.0, 0.0), 96, 3, 0)), 3.1394),
             ("ball", built(|m| m.ball(from, 1.0, 2, 0)), 4.05),
-            (
-                "ring",
-                built(|m| m.ring(from, Vec3::X, 1.0, 0.1, 64, 0)),
-                0.163,
-            ),
+            ("ring", built(|m| m.ring(from, Vec3::X, 1.0, 0.1, 64, 0)), 0.163),
         ];
         for (name, mesh, expected) in solids {
             assert!(is_watertight(&mesh), "{name} has a hole");
             let volume = volume(&mesh);
-            assert!(
-                (volume - expected).abs() < 0.01 * expected,
-                "{name} encloses {volume}, not {expected}"
-            );
+            assert!((volume - expected).abs() < 0.01 * expected, "{name} encloses {volume}, not {expected}");
         }
     }
 
@@ -410,8 +330,7 @@ mod tests {
 
     #[test]
     fn balls_have_the_stated_triangle_counts() {
-        let counts =
-            [0, 1, 2].map(|level| built(|m| m.ball(Vec3::ZERO, 1.0, level, 0)).triangles.len());
+        let counts = [0, 1, 2].map(|level| built(|m| m.ball(Vec3::ZERO, 1.0, level, 0)).triangles.len());
         assert_eq!(counts, [20, 80, 320]);
     }
 
@@ -421,14 +340,8 @@ mod tests {
             let turns = step as f32 / 777.0;
             let (sin, cos) = sin_cos(turns);
             let angle = f64::from(turns) * core::f64::consts::TAU;
-            assert!(
-                (f64::from(sin) - angle.sin()).abs() < 1e-7,
-                "sine at {turns} turns"
-            );
-            assert!(
-                (f64::from(cos) - angle.cos()).abs() < 1e-7,
-                "cosine at {turns} turns"
-            );
+            assert!((f64::from(sin) - angle.sin()).abs() < 1e-7, "sine at {turns} turns");
+            assert!((f64::from(cos) - angle.cos()).abs() < 1e-7, "cosine at {turns} turns");
         }
     }
 }

@@ -26,17 +26,10 @@ impl PendingFiles {
             .map(Path::to_owned)
             .collect();
         // From here on, dropping removes what was made.
-        let files = Self {
-            dir: dir.to_owned(),
-            made,
-            waiting: Vec::new(),
-        };
+        let files = Self { dir: dir.to_owned(), made, waiting: Vec::new() };
         match fs::create_dir_all(dir) {
             Ok(()) => Ok(files),
-            Err(source) => Err(ExportError::Directory {
-                path: dir.to_owned(),
-                source,
-            }),
+            Err(source) => Err(ExportError::Directory { path: dir.to_owned(), source }),
         }
     }
 
@@ -53,10 +46,7 @@ impl PendingFiles {
             out.flush()?;
             Ok(out.into_inner()?.into_temp_path())
         };
-        let temporary = filled().map_err(|source| ExportError::Write {
-            path: path.clone(),
-            source,
-        })?;
+        let temporary = filled().map_err(|source| ExportError::Write { path: path.clone(), source })?;
         self.waiting.push((temporary, path));
         Ok(())
     }
@@ -68,10 +58,7 @@ impl PendingFiles {
             if let Err(error) = temporary.persist(&path) {
                 // Best effort: a file that cannot be removed either is no worse than the error reported.
                 named.iter().for_each(|path| drop(fs::remove_file(path)));
-                return Err(ExportError::Write {
-                    path,
-                    source: error.error,
-                });
+                return Err(ExportError::Write { path, source: error.error });
             }
             named.push(path);
         }

@@ -26,12 +26,7 @@ pub(super) fn unique_names(scene: &Scene) -> Vec<String> {
 }
 
 /// Writes every material of the scene.
-pub(super) fn write(
-    scene: &Scene,
-    names: &[String],
-    texture_names: &[String],
-    out: &mut impl Write,
-) -> io::Result<()> {
+pub(super) fn write(scene: &Scene, names: &[String], texture_names: &[String], out: &mut impl Write) -> io::Result<()> {
     for (material, name) in scene.materials.iter().zip(names) {
         writeln!(out, "newmtl {name}")?;
         write_color(out, "Kd", material.base_color)?;
@@ -59,12 +54,7 @@ pub(super) fn write(
 
 /// The specular lobe in the terms of both kinds of reader: a Phong exponent, and roughness with refractive index.
 fn write_specular(out: &mut impl Write, material: &Material) -> io::Result<()> {
-    let Material {
-        specular,
-        roughness,
-        metallic,
-        ..
-    } = *material;
+    let Material { specular, roughness, metallic, .. } = *material;
     if specular == Vec3::ZERO && metallic == 0.0 {
         write_color(out, "Ks", Vec3::ZERO)?;
         return writeln!(out, "illum 1");

@@ -18,23 +18,14 @@ pub(super) fn write(
 ) -> io::Result<ExportReport> {
     writeln!(out, "mtllib {mtl_file}")?;
     let meshes: Vec<SharedMesh> = scene.meshes.iter().map(SharedMesh::new).collect();
-    let mut writer = ObjWriter {
-        out,
-        written: Written::default(),
-        report: ExportReport::default(),
-    };
+    let mut writer = ObjWriter { out, written: Written::default(), report: ExportReport::default() };
     for (index, instance) in scene.instances.iter().enumerate() {
         let mesh = &meshes[instance.mesh as usize];
         if mesh.source.triangles.is_empty() {
             continue;
         }
         writeln!(writer.out, "o {}-{index}", file_stem(&mesh.source.name))?;
-        writer.instance(
-            scene,
-            mesh,
-            instance.world_from_object_at(0.0),
-            material_names,
-        )?;
+        writer.instance(scene, mesh, instance.world_from_object_at(0.0), material_names)?;
     }
     Ok(writer.report)
 }
@@ -144,8 +135,7 @@ impl<W: Write> ObjWriter<'_, W> {
             }
             self.face(mesh, base, corners, world_from_object)?;
             self.report.triangles += 1;
-            self.report.emissive_triangles +=
-                u64::from(scene.materials[material as usize].emission != Vec3::ZERO);
+            self.report.emissive_triangles += u64::from(scene.materials[material as usize].emission != Vec3::ZERO);
         }
         Ok(())
     }
@@ -162,9 +152,8 @@ impl<W: Write> ObjWriter<'_, W> {
         // Such corners want the geometric normal, for which OBJ has no word unless it goes for the whole face.
         let geometric = has_normals && corners.iter().any(lacks_normal);
         if geometric {
-            let [a, b, c] = corners.map(|corner| {
-                world_from_object.transform_point3(mesh.source.positions[corner as usize])
-            });
+            let [a, b, c] =
+                corners.map(|corner| world_from_object.transform_point3(mesh.source.positions[corner as usize]));
             let n = (b - a).cross(c - a).normalize_or(Vec3::Y);
             writeln!(self.out, "vn {} {} {}", n.x, n.y, n.z)?;
             self.written.normals += 1;
@@ -174,17 +163,9 @@ impl<W: Write> ObjWriter<'_, W> {
         for corner in corners {
             let vertex = corner as usize;
             let v = base.positions + u64::from(mesh.positions.of_vertex[vertex]) + 1;
-            let vt = mesh
-                .uvs
-                .of_vertex
-                .get(vertex)
-                .map(|&uv| base.uvs + u64::from(uv) + 1);
+            let vt = mesh.uvs.of_vertex.get(vertex).map(|&uv| base.uvs + u64::from(uv) + 1);
             let vn = mesh.normals.of_vertex.get(vertex).map(|&normal| {
-                if lacks_normal(&corner) {
-                    self.written.normals
-                } else {
-                    base.normals + u64::from(normal) + 1
-                }
+                if lacks_normal(&corner) { self.written.normals } else { base.normals + u64::from(normal) + 1 }
             });
             match (vt, vn) {
                 (Some(vt), Some(vn)) => write!(self.out, " {v}/{vt}/{vn}")?,

@@ -6,8 +6,7 @@ use super::*;
 use crate::scene::{Instance, Material, Mesh, Motion, builtin};
 
 fn read_back(report: &ExportReport) -> (Vec<tobj::Model>, Vec<tobj::Material>) {
-    let (models, materials) =
-        tobj::load_obj(&report.files[0], &tobj::LoadOptions::default()).expect("an OBJ file");
+    let (models, materials) = tobj::load_obj(&report.files[0], &tobj::LoadOptions::default()).expect("an OBJ file");
     (models, materials.expect("an MTL file"))
 }
 
@@ -23,11 +22,7 @@ fn small_scene(world_from_object: Mat4) -> Scene {
             triangles: vec![[0, 1, 2], [0, 2, 3], [0, 4, 2]],
             materials: vec![1, 0, 1],
         }],
-        instances: vec![Instance {
-            mesh: 0,
-            world_from_object,
-            motion: Motion::Still,
-        }],
+        instances: vec![Instance { mesh: 0, world_from_object, motion: Motion::Still }],
         materials: vec![
             Material {
                 name: "same name".to_owned(),
@@ -36,11 +31,7 @@ fn small_scene(world_from_object: Mat4) -> Scene {
                 base_color_texture: Some(0),
                 ..Material::default()
             },
-            Material {
-                name: "same name".to_owned(),
-                emission: vec3(1.0, 0.1, 1.0 / 3.0),
-                ..Material::default()
-            },
+            Material { name: "same name".to_owned(), emission: vec3(1.0, 0.1, 1.0 / 3.0), ..Material::default() },
         ],
         textures: vec![Texture {
             name: "dots".to_owned(),
@@ -78,11 +69,7 @@ fn expected_corners(scene: &Scene) -> Vec<Vec3> {
             if instance.world_from_object.determinant() < 0.0 {
                 vertices.swap(1, 2);
             }
-            let world = |v: u32| {
-                instance
-                    .world_from_object_at(0.0)
-                    .transform_point3(mesh.positions[v as usize])
-            };
+            let world = |v: u32| instance.world_from_object_at(0.0).transform_point3(mesh.positions[v as usize]);
             corners.extend(vertices.map(world));
         }
     }
@@ -95,13 +82,7 @@ fn assert_reads_back(scene: &Scene) {
     let (models, _) = read_back(&report);
     let corners: Vec<Vec3> = models
         .iter()
-        .flat_map(|model| {
-            model
-                .mesh
-                .indices
-                .iter()
-                .map(|&i| vertex(&model.mesh, &model.mesh.positions, i))
-        })
+        .flat_map(|model| model.mesh.indices.iter().map(|&i| vertex(&model.mesh, &model.mesh.positions, i)))
         .collect();
     assert_eq!(corners, expected_corners(scene), "{}", scene.name);
     assert_eq!(report.triangles, corners.len() as u64 / 3);
@@ -121,14 +102,7 @@ fn positions_read_back_bit_by_bit() {
 fn equal_positions_are_written_once() {
     let dir = tempfile::tempdir().expect("a directory");
     let report = export(&small_scene(Mat4::IDENTITY), dir.path()).expect("an export");
-    assert_eq!(
-        (
-            report.positions,
-            report.triangles,
-            report.emissive_triangles
-        ),
-        (4, 3, 2)
-    );
+    assert_eq!((report.positions, report.triangles, report.emissive_triangles), (4, 3, 2));
 }
 
 #[test]
@@ -140,15 +114,11 @@ fn a_mirrored_instance_keeps_its_front_in_front() {
             let mesh = &model.mesh;
             for face in 0..mesh.indices.len() / 3 {
                 let at = |corner: usize| 3 * face + corner;
-                let [a, b, c] =
-                    [0, 1, 2].map(|k| vertex(mesh, &mesh.positions, mesh.indices[at(k)]));
+                let [a, b, c] = [0, 1, 2].map(|k| vertex(mesh, &mesh.positions, mesh.indices[at(k)]));
                 let geometric = (b - a).cross(c - a).normalize();
                 for k in 0..3 {
                     let normal = vertex(mesh, &mesh.normals, mesh.normal_indices[at(k)]);
-                    assert!(
-                        normal.dot(geometric) > 0.5,
-                        "scale {scale}: {normal} against {geometric}"
-                    );
+                    assert!(normal.dot(geometric) > 0.5, "scale {scale}: {normal} against {geometric}");
                     assert!(geometric.z > 0.0);
                 }
             }
@@ -159,11 +129,8 @@ fn a_mirrored_instance_keeps_its_front_in_front() {
 #[test]
 fn materials_read_back_with_names_of_their_own() {
     let dir = tempfile::tempdir().expect("a directory");
-    let (_, materials) =
-        read_back(&export(&small_scene(Mat4::IDENTITY), dir.path()).expect("an export"));
-    let [coated, lamp] = &materials[..] else {
-        panic!("{} materials", materials.len())
-    };
+    let (_, materials) = read_back(&export(&small_scene(Mat4::IDENTITY), dir.path()).expect("an export"));
+    let [coated, lamp] = &materials[..] else { panic!("{} materials", materials.len()) };
     assert_eq!((&*coated.name, &*lamp.name), ("same_name", "same_name-1"));
     assert_eq!(coated.unknown_param["Pr"], "0.3");
     let index = coated.optical_density.expect("a refractive index");
@@ -172,10 +139,7 @@ fn materials_read_back_with_names_of_their_own() {
         (coated.diffuse_texture.as_deref(), coated.diffuse),
         (Some("small_scene-texture-0.png"), Some([0.5; 3]))
     );
-    assert_eq!(
-        (lamp.illumination_model, lamp.specular),
-        (Some(1), Some([0.0; 3]))
-    );
+    assert_eq!((lamp.illumination_model, lamp.specular), (Some(1), Some([0.0; 3])));
     assert_eq!(lamp.emissive, Some([1.0, 0.1, 1.0 / 3.0]));
 }
 
@@ -183,22 +147,12 @@ fn materials_read_back_with_names_of_their_own() {
 fn images_and_camera_read_back() {
     let dir = tempfile::tempdir().expect("a directory");
     let mut scene = small_scene(Mat4::IDENTITY);
-    let camera = Camera {
-        origin: Vec3::ZERO,
-        target: vec3(0.1, 0.2, 0.3),
-        up: Vec3::Y,
-        vfov_deg: 38.5,
-    };
+    let camera = Camera { origin: Vec3::ZERO, target: vec3(0.1, 0.2, 0.3), up: Vec3::Y, vfov_deg: 38.5 };
     scene.camera = Some(camera);
     export(&scene, dir.path()).expect("an export");
 
-    let pixels = image::open(dir.path().join("small_scene-texture-0.png"))
-        .expect("a PNG file")
-        .into_rgba8();
-    let texels: Vec<u32> = pixels
-        .pixels()
-        .map(|pixel| u32::from_le_bytes(pixel.0))
-        .collect();
+    let pixels = image::open(dir.path().join("small_scene-texture-0.png")).expect("a PNG file").into_rgba8();
+    let texels: Vec<u32> = pixels.pixels().map(|pixel| u32::from_le_bytes(pixel.0)).collect();
     assert_eq!(texels, scene.textures[0].texels);
 
     let exr = exr::prelude::read_first_rgba_layer_from_file(
@@ -207,33 +161,18 @@ fn images_and_camera_read_back() {
         |(_, texels), _, (r, g, b, _): (f32, f32, f32, f32)| texels.push([r, g, b]),
     )
     .expect("an EXR file");
-    assert_eq!(
-        Some(exr.layer_data.channel_data.pixels.1),
-        scene.environment.map(|map| map.texels)
-    );
+    assert_eq!(Some(exr.layer_data.channel_data.pixels.1), scene.environment.map(|map| map.texels));
 
-    let json =
-        fs::read_to_string(dir.path().join("small_scene-camera.json")).expect("a camera file");
+    let json = fs::read_to_string(dir.path().join("small_scene-camera.json")).expect("a camera file");
     let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");
     assert_eq!(json["vfov_deg"].as_f64(), Some(38.5));
-    assert_eq!(
-        json["target"][2].as_f64().map(|z| z as f32),
-        Some(camera.target.z)
-    );
+    assert_eq!(json["target"][2].as_f64().map(|z| z as f32), Some(camera.target.z));
     assert_eq!(json["environment"]["rotation_deg"].as_f64(), Some(30.0));
 }
 
 fn names_in(dir: &Path) -> Vec<String> {
     let entries = fs::read_dir(dir).expect("a directory");
-    entries
-        .map(|entry| {
-            entry
-                .expect("an entry")
-                .file_name()
-                .to_string_lossy()
-                .into_owned()
-        })
-        .collect()
+    entries.map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned()).collect()
 }
 
 #[test]
@@ -242,10 +181,7 @@ fn a_failed_export_leaves_no_files() {
     // The last file to be named cannot be: a directory has its name.
     fs::create_dir(dir.path().join("small_scene-environment.exr")).expect("a directory");
     let error = export(&small_scene(Mat4::IDENTITY), dir.path()).expect_err("a name that is taken");
-    assert!(
-        error.to_string().contains("small_scene-environment.exr"),
-        "{error}"
-    );
+    assert!(error.to_string().contains("small_scene-environment.exr"), "{error}");
     assert_eq!(names_in(dir.path()), ["small_scene-environment.exr"]);
 }
 
@@ -254,9 +190,7 @@ fn a_failure_while_writing_removes_the_directories_it_made() {
     let dir = tempfile::tempdir().expect("a directory");
     let inner = dir.path().join("a/b");
     let mut files = PendingFiles::in_dir(&inner).expect("a directory");
-    files
-        .write("first", |out| writeln!(out, "complete"))
-        .expect("a file");
+    files.write("first", |out| writeln!(out, "complete")).expect("a file");
     let full = |_: &mut _| Err(io::Error::from(io::ErrorKind::StorageFull));
     let error = files.write("second", full).expect_err("a full disk");
     assert!(error.to_string().contains("second"), "{error}");
@@ -267,8 +201,7 @@ fn a_failure_while_writing_removes_the_directories_it_made() {
 #[test]
 fn a_file_in_place_of_the_directory_is_an_error() {
     let file = tempfile::NamedTempFile::new().expect("a file");
-    let error = export(&small_scene(Mat4::IDENTITY), &file.path().join("below"))
-        .expect_err("not a directory");
+    let error = export(&small_scene(Mat4::IDENTITY), &file.path().join("below")).expect_err("not a directory");
     assert!(matches!(error, ExportError::Directory { .. }), "{error}");
 }
 
@@ -278,11 +211,6 @@ fn indices_out_of_range_are_an_error_in_words() {
     scene.meshes[0].materials[2] = 9;
     let dir = tempfile::tempdir().expect("a directory");
     let error = export(&scene, dir.path()).expect_err("no such material");
-    assert!(
-        error
-            .to_string()
-            .contains("mesh `quad` refers to material 9, there are 2"),
-        "{error}"
-    );
+    assert!(error.to_string().contains("mesh `quad` refers to material 9, there are 2"), "{error}");
     assert!(names_in(dir.path()).is_empty());
 }

@@ -30,28 +30,16 @@ impl Grounds {
         let wood = scene.glossy("painted wood", [0.45, 0.30, 0.18], 0.4);
         let steel = scene.metal("painted steel", [0.25, 0.26, 0.28], 0.4);
         let canvas = scene.matte("white canvas", [0.75, 0.72, 0.66]);
-        let awnings = [
-            [0.62, 0.06, 0.05],
-            [0.06, 0.20, 0.50],
-            [0.07, 0.38, 0.16],
-            [0.68, 0.42, 0.05],
-            [0.40, 0.08, 0.40],
-        ]
-        .map(|color| scene.matte("coloured canvas", color));
-        let toys = [
-            [0.7, 0.1, 0.1],
-            [0.8, 0.6, 0.1],
-            [0.1, 0.4, 0.7],
-            [0.2, 0.6, 0.2],
-            [0.8, 0.3, 0.5],
-        ]
-        .map(|color| scene.glossy("toy", color, 0.25));
+        let awnings =
+            [[0.62, 0.06, 0.05], [0.06, 0.20, 0.50], [0.07, 0.38, 0.16], [0.68, 0.42, 0.05], [0.40, 0.08, 0.40]]
+                .map(|color| scene.matte("coloured canvas", color));
+        let toys = [[0.7, 0.1, 0.1], [0.8, 0.6, 0.1], [0.1, 0.4, 0.7], [0.2, 0.6, 0.2], [0.8, 0.3, 0.5]]
+            .map(|color| scene.glossy("toy", color, 0.25));
         let ceiling_lamp = scene.lamp("stall lamp", [1.0, 0.68, 0.38], 4.0);
         let globe = scene.lamp("street lamp", [1.0, 0.66, 0.34], 14.0);
         let bark = scene.matte("bark", [0.16, 0.11, 0.07]);
         let foliage = scene.matte("foliage", [0.06, 0.13, 0.04]);
-        let coats = [[0.25, 0.06, 0.06], [0.08, 0.10, 0.20], [0.22, 0.20, 0.16]]
-            .map(|c| scene.matte("coat", c));
+        let coats = [[0.25, 0.06, 0.06], [0.08, 0.10, 0.20], [0.22, 0.20, 0.16]].map(|c| scene.matte("coat", c));
         let skin = scene.matte("skin", [0.5, 0.34, 0.26]);
 
         let trims = [
@@ -77,51 +65,20 @@ impl Grounds {
         ];
         Self {
             ground: scene.mesh("ground", |m| {
-                m.grid(
-                    vec3(-400.0, 0.0, 400.0),
-                    Vec3::X * 800.0,
-                    Vec3::Z * -800.0,
-                    32,
-                    32,
-                    asphalt,
-                );
+                m.grid(vec3(-400.0, 0.0, 400.0), Vec3::X * 800.0, Vec3::Z * -800.0, 32, 32, asphalt);
             }),
             stalls: [0, 1, 2, 3, 4].map(|kind| {
-                let look = StallLook {
-                    wood,
-                    canvas,
-                    awning: awnings[kind],
-                    lamp: ceiling_lamp,
-                    trim: trims[kind],
-                };
+                let look = StallLook { wood, canvas, awning: awnings[kind], lamp: ceiling_lamp, trim: trims[kind] };
                 scene.mesh("stall", |m| stall(m, rng, look, &toys))
             }),
-            strings: strings
-                .map(|colors| scene.mesh("string of bulbs", |m| string(m, steel, &colors))),
+            strings: strings.map(|colors| scene.mesh("string of bulbs", |m| string(m, steel, &colors))),
             post: scene.mesh("post", |m| {
-                m.frustum(
-                    (vec3(0.0, -0.05, 0.0), 0.08),
-                    (vec3(0.0, POST_HEIGHT + 0.15, 0.0), 0.05),
-                    10,
-                    1,
-                    steel,
-                );
-                m.ball(
-                    vec3(0.0, POST_HEIGHT + 0.2, 0.0),
-                    0.1,
-                    1,
-                    bulbs.0[Bulbs::WHITE],
-                );
+                m.frustum((vec3(0.0, -0.05, 0.0), 0.08), (vec3(0.0, POST_HEIGHT + 0.15, 0.0), 0.05), 10, 1, steel);
+                m.ball(vec3(0.0, POST_HEIGHT + 0.2, 0.0), 0.1, 1, bulbs.0[Bulbs::WHITE]);
             }),
             lamp_post: scene.mesh("lamp post", |m| {
                 m.tube(vec3(0.0, -0.05, 0.0), vec3(0.0, 0.25, 0.0), 0.14, 12, steel);
-                m.frustum(
-                    (vec3(0.0, 0.2, 0.0), 0.06),
-                    (vec3(0.0, 3.35, 0.0), 0.04),
-                    10,
-                    1,
-                    steel,
-                );
+                m.frustum((vec3(0.0, 0.2, 0.0), 0.06), (vec3(0.0, 3.35, 0.0), 0.04), 10, 1, steel);
                 for side in 0..3 {
                     let away = on_circle(0.42, side as f32 / 3.0);
                     m.tube(vec3(0.0, 3.1, 0.0), away + Vec3::Y * 3.3, 0.02, 8, steel);
@@ -139,36 +96,17 @@ impl Grounds {
             figures: coats.map(|coat| {
                 scene.mesh("visitor", |m| {
                     for x in [-0.09, 0.09] {
-                        m.frustum(
-                            (vec3(x, -0.01, 0.0), 0.06),
-                            (vec3(x, 0.8, 0.0), 0.09),
-                            8,
-                            1,
-                            steel,
-                        );
+                        m.frustum((vec3(x, -0.01, 0.0), 0.06), (vec3(x, 0.8, 0.0), 0.09), 8, 1, steel);
                     }
-                    m.frustum(
-                        (vec3(0.0, 0.62, 0.0), 0.24),
-                        (vec3(0.0, 1.42, 0.0), 0.13),
-                        12,
-                        1,
-                        coat,
-                    );
+                    m.frustum((vec3(0.0, 0.62, 0.0), 0.24), (vec3(0.0, 1.42, 0.0), 0.13), 12, 1, coat);
                     for x in [-0.22, 0.22] {
-                        m.tube(
-                            vec3(x * 0.7, 1.36, 0.0),
-                            vec3(x * 1.2, 0.82, 0.06),
-                            0.055,
-                            8,
-                            coat,
-                        );
+                        m.tube(vec3(x * 0.7, 1.36, 0.0), vec3(x * 1.2, 0.82, 0.06), 0.055, 8, coat);
                     }
                     m.ellipsoid(vec3(0.0, 1.6, 0.0), vec3(0.1, 0.13, 0.11), 1, skin);
                     m.ellipsoid(vec3(0.0, 1.66, -0.02), vec3(0.115, 0.1, 0.12), 1, bark);
                 })
             }),
-            trees: fairy_lights
-                .map(|colors| scene.mesh("tree", |m| tree(m, rng, bark, foliage, &colors))),
+            trees: fairy_lights.map(|colors| scene.mesh("tree", |m| tree(m, rng, bark, foliage, &colors))),
         }
     }
 
@@ -181,37 +119,24 @@ impl Grounds {
         for row in 0..STALLS_A_SIDE {
             let z = LANE_START - STALL_PITCH * row as f32;
             for (side, turn) in [(-1.0, 0.25), (1.0, -0.25)] {
-                let at =
-                    |away: f32, dz: f32| Mat4::from_translation(vec3(x + side * away, 0.0, z + dz));
+                let at = |away: f32, dz: f32| Mat4::from_translation(vec3(x + side * away, 0.0, z + dz));
                 let size = vec3(1.0, rng.between(0.95, 1.1), 1.0);
-                let stall =
-                    at(STALL_OFFSET, 0.0) * rotation(Vec3::Y, turn) * Mat4::from_scale(size);
+                let stall = at(STALL_OFFSET, 0.0) * rotation(Vec3::Y, turn) * Mat4::from_scale(size);
                 scene.place(rng.pick(&self.stalls), stall);
                 scene.place(self.post, at(POST_OFFSET, 0.5 * STALL_PITCH));
                 if row % 3 == 1 {
                     scene.place(self.lamp_post, at(POST_OFFSET - 0.7, 0.5 * STALL_PITCH));
                 } else if rng.chance(0.6) {
-                    let bench = at(
-                        POST_OFFSET - 0.9,
-                        0.5 * STALL_PITCH + rng.between(-0.8, 0.8),
-                    );
+                    let bench = at(POST_OFFSET - 0.9, 0.5 * STALL_PITCH + rng.between(-0.8, 0.8));
                     scene.place(self.bench, bench * rotation(Vec3::Y, turn));
                 }
-                self.string(
-                    scene,
-                    rng,
-                    vec3(x, POST_HEIGHT, z + 0.5 * STALL_PITCH),
-                    side,
-                );
+                self.string(scene, rng, vec3(x, POST_HEIGHT, z + 0.5 * STALL_PITCH), side);
             }
             for _ in 0..3 {
                 let foot = vec3(x + rng.between(-3.2, 3.2), 0.0, z + rng.between(-3.0, 3.0));
                 let size = Mat4::from_scale(Vec3::splat(rng.between(0.85, 1.08)));
                 let visitor = rng.pick(&self.figures);
-                scene.place(
-                    visitor,
-                    Mat4::from_translation(foot) * rotation(Vec3::Y, rng.unit()) * size,
-                );
+                scene.place(visitor, Mat4::from_translation(foot) * rotation(Vec3::Y, rng.unit()) * size);
             }
         }
     }
@@ -247,32 +172,17 @@ fn string(m: &mut MeshBuilder, wire: u32, colors: &[u32]) {
         let (from, to) = (point(piece as f32 / 12.0), point((piece + 1) as f32 / 12.0));
         let side = vec3(0.0, 0.008, 0.0);
         // A ribbon of two faces is as good as a rod at this size, but a rod is closed.
-        m.cuboid_in(
-            beam(from, to),
-            vec3(0.0, -side.y, -0.008),
-            vec3(1.0, side.y, 0.008),
-            wire,
-        );
+        m.cuboid_in(beam(from, to), vec3(0.0, -side.y, -0.008), vec3(1.0, side.y, 0.008), wire);
     }
     for bulb in 0..BULBS {
         let at = point((bulb as f32 + 0.5) / BULBS as f32) - Vec3::Y * 0.07;
-        m.ellipsoid(
-            at,
-            squeeze * 0.065,
-            1,
-            colors[(bulb / 2) as usize % colors.len()],
-        );
+        m.ellipsoid(at, squeeze * 0.065, 1, colors[(bulb / 2) as usize % colors.len()]);
     }
 }
 
 /// A frame whose x axis goes from one point to another in the xy plane; sheared, so that ends stay upright.
 fn beam(from: Vec3, to: Vec3) -> Mat4 {
-    Mat4::from_cols(
-        (to - from).extend(0.0),
-        Vec3::Y.extend(0.0),
-        Vec3::Z.extend(0.0),
-        from.extend(1.0),
-    )
+    Mat4::from_cols((to - from).extend(0.0), Vec3::Y.extend(0.0), Vec3::Z.extend(0.0), from.extend(1.0))
 }
 
 /// Materials of a stall.
@@ -289,11 +199,7 @@ struct StallLook {
 fn stall(m: &mut MeshBuilder, rng: &mut Pcg, look: StallLook, toys: &[u32]) {
     m.cuboid(vec3(-2.1, -0.02, 1.0), vec3(2.1, 1.0, 1.3), look.wood);
     m.cuboid(vec3(-2.25, 0.99, 0.9), vec3(2.25, 1.06, 1.45), look.wood);
-    m.cuboid(
-        vec3(-2.15, -0.02, -1.35),
-        vec3(2.15, 2.55, -1.25),
-        look.wood,
-    );
+    m.cuboid(vec3(-2.15, -0.02, -1.35), vec3(2.15, 2.55, -1.25), look.wood);
     for x in [-2.18, 2.08] {
         m.cuboid(vec3(x, -0.03, -1.36), vec3(x + 0.1, 2.7, -1.26), look.wood);
         m.cuboid(vec3(x, -0.03, 1.2), vec3(x + 0.1, 2.7, 1.31), look.wood);
@@ -302,37 +208,12 @@ fn stall(m: &mut MeshBuilder, rng: &mut Pcg, look: StallLook, toys: &[u32]) {
     let roof = Mat4::from_translation(vec3(0.0, 2.75, 0.0)) * rotation(Vec3::X, 0.03);
     for stripe in 0..8 {
         let x = -2.4 + 0.6 * stripe as f32;
-        let material = if stripe % 2 == 0 {
-            look.awning
-        } else {
-            look.canvas
-        };
-        m.cuboid_in(
-            roof,
-            vec3(x, -0.03, -1.6),
-            vec3(x + 0.6, 0.03, 1.8),
-            material,
-        );
-        m.cuboid_in(
-            roof,
-            vec3(x, -0.35, 1.76),
-            vec3(x + 0.6, -0.02, 1.8),
-            material,
-        );
+        let material = if stripe % 2 == 0 { look.awning } else { look.canvas };
+        m.cuboid_in(roof, vec3(x, -0.03, -1.6), vec3(x + 0.6, 0.03, 1.8), material);
+        m.cuboid_in(roof, vec3(x, -0.35, 1.76), vec3(x + 0.6, -0.02, 1.8), material);
     }
-    m.grid(
-        vec3(-1.5, 2.6, -0.5),
-        Vec3::X * 3.0,
-        Vec3::Z * 0.4,
-        12,
-        2,
-        look.lamp,
-    );
-    m.cuboid(
-        vec3(-1.55, 2.605, -0.55),
-        vec3(1.55, 2.64, -0.05),
-        look.wood,
-    );
+    m.grid(vec3(-1.5, 2.6, -0.5), Vec3::X * 3.0, Vec3::Z * 0.4, 12, 2, look.lamp);
+    m.cuboid(vec3(-1.55, 2.605, -0.55), vec3(1.55, 2.64, -0.05), look.wood);
 
     for shelf in 0..3 {
         let y = 1.05 + 0.45 * shelf as f32;
@@ -347,12 +228,7 @@ fn stall(m: &mut MeshBuilder, rng: &mut Pcg, look: StallLook, toys: &[u32]) {
     }
     // Bulbs around three edges of the roof.
     let mut bulb = |index: u32, at: Vec3| {
-        m.ball(
-            roof.transform_point3(at),
-            0.055,
-            1,
-            look.trim[index as usize % 2],
-        );
+        m.ball(roof.transform_point3(at), 0.055, 1, look.trim[index as usize % 2]);
     };
     for i in 0..16 {
         bulb(i, vec3(-2.34 + 0.312 * i as f32, -0.4, 1.79));
@@ -368,26 +244,12 @@ fn stall(m: &mut MeshBuilder, rng: &mut Pcg, look: StallLook, toys: &[u32]) {
 fn tree(m: &mut MeshBuilder, rng: &mut Pcg, bark: u32, foliage: u32, colors: &[u32]) {
     const CLUMPS: u32 = 7;
     const BULBS_A_CLUMP: u32 = 58;
-    m.frustum(
-        (vec3(0.0, -0.1, 0.0), 0.22),
-        (vec3(0.0, 4.2, 0.0), 0.09),
-        9,
-        3,
-        bark,
-    );
+    m.frustum((vec3(0.0, -0.1, 0.0), 0.22), (vec3(0.0, 4.2, 0.0), 0.09), 9, 3, bark);
     for clump in 0..CLUMPS {
         let is_top = clump == 0;
-        let away = if is_top {
-            Vec3::ZERO
-        } else {
-            on_circle(rng.between(0.9, 1.25), clump as f32 / 6.0)
-        };
+        let away = if is_top { Vec3::ZERO } else { on_circle(rng.between(0.9, 1.25), clump as f32 / 6.0) };
         let center = away + Vec3::Y * if is_top { 5.4 } else { rng.between(3.2, 4.6) };
-        let radii = vec3(
-            rng.between(0.9, 1.2),
-            rng.between(0.8, 1.3),
-            rng.between(0.9, 1.2),
-        );
+        let radii = vec3(rng.between(0.9, 1.2), rng.between(0.8, 1.3), rng.between(0.9, 1.2));
         m.tube(vec3(0.0, 2.4, 0.0), center, 0.05, 6, bark);
         m.ellipsoid(center, radii, 2, foliage);
         for bulb in 0..BULBS_A_CLUMP {

@@ -18,13 +18,8 @@ const WHEEL_HALF: f32 = 1.7;
 pub(super) fn place(scene: &mut Assembly, bulbs: Bulbs, rng: &mut Pcg) -> Vec<Plot> {
     let steel = scene.metal("white steel", [0.70, 0.70, 0.72], 0.35);
     let gold = scene.metal("gilding", [0.85, 0.60, 0.25], 0.25);
-    let lacquers = [
-        [0.55, 0.05, 0.06],
-        [0.06, 0.16, 0.45],
-        [0.06, 0.36, 0.18],
-        [0.60, 0.36, 0.05],
-    ]
-    .map(|color| scene.glossy("lacquer", color, 0.2));
+    let lacquers = [[0.55, 0.05, 0.06], [0.06, 0.16, 0.45], [0.06, 0.36, 0.18], [0.60, 0.36, 0.05]]
+        .map(|color| scene.glossy("lacquer", color, 0.2));
     let cream = scene.glossy("cream lacquer", [0.70, 0.62, 0.48], 0.25);
 
     let wheel = Wheel::new(scene, bulbs, steel, lacquers);
@@ -33,32 +28,18 @@ pub(super) fn place(scene: &mut Assembly, bulbs: Bulbs, rng: &mut Pcg) -> Vec<Pl
     let arena = Arena::new(scene, bulbs, steel, lacquers);
 
     let mut plots = Vec::new();
-    let mut plot = |at: Vec3, radius: f32| {
-        plots.push(Plot {
-            center: vec2(at.x, at.z),
-            radius,
-        })
-    };
-    for (at, size, yaw, turns_per_second) in [
-        (vec3(-27.0, 0.0, -66.0), 1.0, 0.06, 0.012),
-        (vec3(62.0, 0.0, -62.0), 0.62, -0.09, -0.02),
-    ] {
+    let mut plot = |at: Vec3, radius: f32| plots.push(Plot { center: vec2(at.x, at.z), radius });
+    for (at, size, yaw, turns_per_second) in
+        [(vec3(-27.0, 0.0, -66.0), 1.0, 0.06, 0.012), (vec3(62.0, 0.0, -62.0), 0.62, -0.09, -0.02)]
+    {
         wheel.place(scene, at, size, yaw, turns_per_second);
         plot(at, 16.0 * size);
     }
-    for at in [
-        vec3(18.0, 0.0, -62.0),
-        vec3(-18.5, 0.0, 14.0),
-        vec3(18.5, 0.0, -8.0),
-        vec3(60.0, 0.0, 20.0),
-    ] {
+    for at in [vec3(18.0, 0.0, -62.0), vec3(-18.5, 0.0, 14.0), vec3(18.5, 0.0, -8.0), vec3(60.0, 0.0, 20.0)] {
         carousel.place(scene, at, rng);
         plot(at, 6.5);
     }
-    for (at, phase) in [
-        (vec3(25.0, 0.0, -84.0), 0.1),
-        (vec3(-66.0, 0.0, -40.0), 0.6),
-    ] {
+    for (at, phase) in [(vec3(25.0, 0.0, -84.0), 0.1), (vec3(-66.0, 0.0, -40.0), 0.6)] {
         tower.place(scene, at, phase);
         plot(at, 6.0);
     }
@@ -80,24 +61,11 @@ impl Wheel {
     fn new(scene: &mut Assembly, bulbs: Bulbs, steel: u32, lacquers: [u32; 4]) -> Self {
         // From the hub to the rim; the two kinds of sector alternate.
         let colors = [
-            [
-                Bulbs::GOLD,
-                Bulbs::WHITE,
-                Bulbs::MAGENTA,
-                Bulbs::BLUE,
-                Bulbs::CYAN,
-            ],
-            [
-                Bulbs::GOLD,
-                Bulbs::WHITE,
-                Bulbs::RED,
-                Bulbs::MAGENTA,
-                Bulbs::CYAN,
-            ],
+            [Bulbs::GOLD, Bulbs::WHITE, Bulbs::MAGENTA, Bulbs::BLUE, Bulbs::CYAN],
+            [Bulbs::GOLD, Bulbs::WHITE, Bulbs::RED, Bulbs::MAGENTA, Bulbs::CYAN],
         ];
         Self {
-            sectors: colors
-                .map(|colors| scene.mesh("wheel sector", |m| sector(m, steel, bulbs.of(colors)))),
+            sectors: colors.map(|colors| scene.mesh("wheel sector", |m| sector(m, steel, bulbs.of(colors)))),
             cabins: lacquers.map(|lacquer| {
                 scene.mesh("cabin", |m| {
                     // Round about the axis of the wheel, because it turns with it.
@@ -106,12 +74,7 @@ impl Wheel {
                     for bulb in 0..16 {
                         let (sin, cos) = sin_cos((bulb as f32 + 0.5) / 16.0);
                         for z in [-0.62, 0.62] {
-                            m.ball(
-                                vec3(1.14 * cos, 1.14 * sin, z),
-                                0.09,
-                                1,
-                                bulbs.0[Bulbs::WHITE],
-                            );
+                            m.ball(vec3(1.14 * cos, 1.14 * sin, z), 0.09, 1, bulbs.0[Bulbs::WHITE]);
                         }
                     }
                 })
@@ -123,12 +86,7 @@ impl Wheel {
                         let (sin, cos) = sin_cos(bulb as f32 / (12 * (ring + 1)) as f32);
                         let radius = 0.45 * (ring + 1) as f32;
                         for z in [-2.62, 2.62] {
-                            m.ball(
-                                vec3(radius * cos, radius * sin, z),
-                                0.08,
-                                1,
-                                bulbs.0[Bulbs::GOLD],
-                            );
+                            m.ball(vec3(radius * cos, radius * sin, z), 0.08, 1, bulbs.0[Bulbs::GOLD]);
                         }
                     }
                 }
@@ -139,12 +97,7 @@ impl Wheel {
                     m.tube(foot - Vec3::Y * 0.3, top, 0.42, 12, steel);
                     for bulb in 1..60 {
                         let out = vec3(0.0, 0.0, 0.45 * z.signum());
-                        m.ball(
-                            foot.lerp(top, bulb as f32 / 60.0) + out,
-                            0.08,
-                            1,
-                            bulbs.0[Bulbs::WHITE],
-                        );
+                        m.ball(foot.lerp(top, bulb as f32 / 60.0) + out, 0.08, 1, bulbs.0[Bulbs::WHITE]);
                     }
                 }
             }),
@@ -156,11 +109,7 @@ impl Wheel {
         let turn = rotation(Vec3::Y, yaw);
         let wheel = Mat4::from_translation(center) * turn * Mat4::from_scale(Vec3::splat(size));
         let axis = turn.transform_vector3(Vec3::Z).normalize();
-        let motion = Motion::Turn {
-            center,
-            axis,
-            turns_per_second,
-        };
+        let motion = Motion::Turn { center, axis, turns_per_second };
         scene.place(self.legs, wheel);
         scene.place_moving(self.hub, wheel, motion);
         for index in 0..SECTORS {
@@ -183,20 +132,8 @@ fn sector(m: &mut MeshBuilder, steel: u32, colors: [u32; 5]) {
     let step = 1.0 / SECTORS as f32;
     let inner = WHEEL_RADIUS - 3.0;
     for z in [-WHEEL_HALF, WHEEL_HALF] {
-        m.tube(
-            at(1.3, 0.0, z),
-            at(WHEEL_RADIUS + 0.2, 0.0, z),
-            0.09,
-            8,
-            steel,
-        );
-        m.tube(
-            at(WHEEL_RADIUS, 0.0, z),
-            at(WHEEL_RADIUS, step, z),
-            0.14,
-            8,
-            steel,
-        );
+        m.tube(at(1.3, 0.0, z), at(WHEEL_RADIUS + 0.2, 0.0, z), 0.09, 8, steel);
+        m.tube(at(WHEEL_RADIUS, 0.0, z), at(WHEEL_RADIUS, step, z), 0.14, 8, steel);
         m.tube(at(inner, 0.0, z), at(inner, step, z), 0.10, 8, steel);
         m.tube(at(inner, 0.0, z), at(WHEEL_RADIUS, step, z), 0.06, 6, steel);
 
@@ -204,34 +141,17 @@ fn sector(m: &mut MeshBuilder, steel: u32, colors: [u32; 5]) {
         for bulb in 0..SPOKE_BULBS {
             let t = (bulb as f32 + 0.5) / SPOKE_BULBS as f32;
             let radius = 1.8 + (WHEEL_RADIUS - 2.2) * t;
-            m.ball(
-                at(radius, 0.0, out),
-                0.11,
-                1,
-                colors[((t * 5.0) as usize).min(4)],
-            );
+            m.ball(at(radius, 0.0, out), 0.11, 1, colors[((t * 5.0) as usize).min(4)]);
         }
         for bulb in 0..RIM_BULBS {
             let turns = step * (bulb as f32 + 0.5) / RIM_BULBS as f32;
             // The chord's sag is below a bulb's radius at the ends and three of them in the middle.
-            let chord =
-                |radius: f32| radius * sin_cos(0.5 * step).1 / sin_cos(turns - 0.5 * step).1;
-            m.ball(
-                at(chord(WHEEL_RADIUS), turns, out + 0.05 * z.signum()),
-                0.12,
-                1,
-                colors[4],
-            );
+            let chord = |radius: f32| radius * sin_cos(0.5 * step).1 / sin_cos(turns - 0.5 * step).1;
+            m.ball(at(chord(WHEEL_RADIUS), turns, out + 0.05 * z.signum()), 0.12, 1, colors[4]);
             m.ball(at(chord(inner), turns, out), 0.10, 1, colors[3]);
         }
     }
-    m.tube(
-        at(WHEEL_RADIUS, 0.0, -WHEEL_HALF),
-        at(WHEEL_RADIUS, 0.0, WHEEL_HALF),
-        0.09,
-        8,
-        steel,
-    );
+    m.tube(at(WHEEL_RADIUS, 0.0, -WHEEL_HALF), at(WHEEL_RADIUS, 0.0, WHEEL_HALF), 0.09, 8, steel);
 }
 
 struct Carousel {
@@ -241,27 +161,14 @@ struct Carousel {
 }
 
 impl Carousel {
-    fn new(
-        scene: &mut Assembly,
-        bulbs: Bulbs,
-        [red, cream, gold]: [u32; 3],
-        lacquers: [u32; 4],
-    ) -> Self {
+    fn new(scene: &mut Assembly, bulbs: Bulbs, [red, cream, gold]: [u32; 3], lacquers: [u32; 4]) -> Self {
         Self {
-            base: scene.mesh("carousel base", |m| {
-                m.tube(vec3(0.0, -0.05, 0.0), vec3(0.0, 0.2, 0.0), 6.4, 48, cream)
-            }),
+            base: scene.mesh("carousel base", |m| m.tube(vec3(0.0, -0.05, 0.0), vec3(0.0, 0.2, 0.0), 6.4, 48, cream)),
             body: scene.mesh("carousel", |m| {
                 m.tube(vec3(0.0, 0.21, 0.0), vec3(0.0, 0.4, 0.0), 6.0, 48, cream);
                 m.tube(vec3(0.0, 0.39, 0.0), vec3(0.0, 4.6, 0.0), 1.1, 24, gold);
                 m.tube(vec3(0.0, 4.0, 0.0), vec3(0.0, 4.55, 0.0), 6.15, 48, cream);
-                m.frustum(
-                    (vec3(0.0, 4.5, 0.0), 6.4),
-                    (vec3(0.0, 6.6, 0.0), 0.5),
-                    24,
-                    1,
-                    red,
-                );
+                m.frustum((vec3(0.0, 4.5, 0.0), 6.4), (vec3(0.0, 6.6, 0.0), 0.5), 24, 1, red);
                 m.ball(vec3(0.0, 6.8, 0.0), 0.4, 2, gold);
                 let row = bulbs.of([Bulbs::WHITE, Bulbs::GOLD, Bulbs::WHITE, Bulbs::RED]);
                 for rib in 0..24 {
@@ -284,31 +191,21 @@ impl Carousel {
                     }
                 }
             }),
-            horses: lacquers
-                .map(|coat| scene.mesh("horse", |m| horse(m, coat, gold, bulbs.0[Bulbs::WHITE]))),
+            horses: lacquers.map(|coat| scene.mesh("horse", |m| horse(m, coat, gold, bulbs.0[Bulbs::WHITE]))),
         }
     }
 
     fn place(&self, scene: &mut Assembly, foot: Vec3, rng: &mut Pcg) {
-        let motion = Motion::Turn {
-            center: foot,
-            axis: Vec3::Y,
-            turns_per_second: 0.07,
-        };
+        let motion = Motion::Turn { center: foot, axis: Vec3::Y, turns_per_second: 0.07 };
         let at = Mat4::from_translation(foot);
         scene.place(self.base, at);
         scene.place_moving(self.body, at, motion);
         for (radius, count) in [(3.1, 10), (4.9, 16)] {
             for index in 0..count {
                 let turns = index as f32 / count as f32;
-                let seat =
-                    at * rotation(Vec3::Y, turns) * Mat4::from_translation(vec3(radius, 0.4, 0.0));
+                let seat = at * rotation(Vec3::Y, turns) * Mat4::from_translation(vec3(radius, 0.4, 0.0));
                 let size = vec3(rng.between(0.9, 1.1), 1.0, rng.between(0.85, 1.1));
-                scene.place_moving(
-                    rng.pick(&self.horses),
-                    seat * Mat4::from_scale(size),
-                    motion,
-                );
+                scene.place_moving(rng.pick(&self.horses), seat * Mat4::from_scale(size), motion);
             }
         }
     }
@@ -319,35 +216,12 @@ fn horse(m: &mut MeshBuilder, coat: u32, gold: u32, bulb: u32) {
     m.tube(vec3(0.0, -0.02, 0.0), vec3(0.0, 3.65, 0.0), 0.03, 10, gold);
     m.ellipsoid(vec3(0.0, 1.15, 0.0), vec3(0.24, 0.28, 0.55), 2, coat);
     m.ellipsoid(vec3(0.0, 1.42, 0.02), vec3(0.2, 0.08, 0.22), 1, gold);
-    m.frustum(
-        (vec3(0.0, 1.25, -0.35), 0.19),
-        (vec3(0.0, 1.78, -0.68), 0.11),
-        12,
-        1,
-        coat,
-    );
+    m.frustum((vec3(0.0, 1.25, -0.35), 0.19), (vec3(0.0, 1.78, -0.68), 0.11), 12, 1, coat);
     m.ellipsoid(vec3(0.0, 1.77, -0.8), vec3(0.1, 0.12, 0.24), 1, coat);
-    for (x, z, reach) in [
-        (-0.13, -0.4, -0.25),
-        (0.13, -0.4, -0.05),
-        (-0.13, 0.42, 0.1),
-        (0.13, 0.42, 0.3),
-    ] {
-        m.frustum(
-            (vec3(x, 1.05, z), 0.1),
-            (vec3(x, 0.45, z + reach), 0.045),
-            8,
-            1,
-            coat,
-        );
+    for (x, z, reach) in [(-0.13, -0.4, -0.25), (0.13, -0.4, -0.05), (-0.13, 0.42, 0.1), (0.13, 0.42, 0.3)] {
+        m.frustum((vec3(x, 1.05, z), 0.1), (vec3(x, 0.45, z + reach), 0.045), 8, 1, coat);
     }
-    m.frustum(
-        (vec3(0.0, 1.25, 0.5), 0.07),
-        (vec3(0.0, 0.8, 0.75), 0.0),
-        8,
-        1,
-        gold,
-    );
+    m.frustum((vec3(0.0, 1.25, 0.5), 0.07), (vec3(0.0, 0.8, 0.75), 0.0), 8, 1, gold);
     for index in 0..6 {
         m.ball(vec3(0.05, 2.1 + 0.24 * index as f32, 0.0), 0.045, 1, bulb);
     }
@@ -366,23 +240,10 @@ impl Tower {
     fn new(scene: &mut Assembly, bulbs: Bulbs, steel: u32, lacquer: u32) -> Self {
         Self {
             storey: scene.mesh("tower storey", |m| {
-                let corner =
-                    |side: u32, y: f32| on_circle(1.1, side as f32 / 4.0 + 0.125) + Vec3::Y * y;
+                let corner = |side: u32, y: f32| on_circle(1.1, side as f32 / 4.0 + 0.125) + Vec3::Y * y;
                 for side in 0..4 {
-                    m.tube(
-                        corner(side, -0.02),
-                        corner(side, Self::STOREY_HEIGHT),
-                        0.1,
-                        8,
-                        steel,
-                    );
-                    m.tube(
-                        corner(side, 0.1),
-                        corner(side + 1, Self::STOREY_HEIGHT - 0.1),
-                        0.05,
-                        6,
-                        steel,
-                    );
+                    m.tube(corner(side, -0.02), corner(side, Self::STOREY_HEIGHT), 0.1, 8, steel);
+                    m.tube(corner(side, 0.1), corner(side + 1, Self::STOREY_HEIGHT - 0.1), 0.05, 6, steel);
                     m.tube(corner(side, 0.1), corner(side + 1, 0.1), 0.05, 6, steel);
                     let colors = bulbs.of([Bulbs::BLUE, Bulbs::CYAN, Bulbs::WHITE, Bulbs::MAGENTA]);
                     for bulb in 0..8 {
@@ -396,28 +257,14 @@ impl Tower {
                 m.ring(Vec3::Y * 1.0, Vec3::Y, 1.75, 0.18, 40, steel);
                 for bulb in 0..48 {
                     let foot = on_circle(1.0, bulb as f32 / 48.0);
-                    m.ball(
-                        foot * 2.58,
-                        0.08,
-                        1,
-                        bulbs.0[if bulb % 2 == 0 {
-                            Bulbs::GOLD
-                        } else {
-                            Bulbs::RED
-                        }],
-                    );
+                    m.ball(foot * 2.58, 0.08, 1, bulbs.0[if bulb % 2 == 0 { Bulbs::GOLD } else { Bulbs::RED }]);
                     m.ball(foot * 1.95 + Vec3::Y, 0.08, 1, bulbs.0[Bulbs::WHITE]);
                 }
             }),
             top: scene.mesh("tower top", |m| {
                 m.frustum((Vec3::ZERO, 2.0), (Vec3::Y * 3.0, 0.0), 24, 2, lacquer);
                 for bulb in 0..40 {
-                    m.ball(
-                        on_circle(2.05, bulb as f32 / 40.0),
-                        0.1,
-                        1,
-                        bulbs.0[Bulbs::RED],
-                    );
+                    m.ball(on_circle(2.05, bulb as f32 / 40.0), 0.1, 1, bulbs.0[Bulbs::RED]);
                 }
             }),
         }
@@ -430,11 +277,7 @@ impl Tower {
             scene.place(self.storey, at(storey as f32 * Self::STOREY_HEIGHT));
         }
         scene.place(self.top, at(height - 0.1));
-        let motion = Motion::Swing {
-            offset: Vec3::Y * (0.42 * height),
-            frequency_hz: 0.09,
-            phase,
-        };
+        let motion = Motion::Swing { offset: Vec3::Y * (0.42 * height), frequency_hz: 0.09, phase };
         scene.place_moving(self.car, at(0.5 * height), motion);
     }
 }

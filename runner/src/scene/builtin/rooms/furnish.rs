@@ -76,12 +76,7 @@ impl Decorator<'_> {
             self.put(lamp, lobby, vec3(4.6, 0.0, z + 1.5), 0.0);
             self.put(kit.plant, lobby, vec3(9.5, 0.0, z * 0.47), 0.0);
         }
-        for corner in [
-            vec3(0.6, 0.0, 6.6),
-            vec3(0.6, 0.0, -6.6),
-            vec3(9.4, 0.0, 6.7),
-            vec3(9.4, 0.0, -6.7),
-        ] {
+        for corner in [vec3(0.6, 0.0, 6.6), vec3(0.6, 0.0, -6.6), vec3(9.4, 0.0, 6.7), vec3(9.4, 0.0, -6.7)] {
             self.put(kit.plant, lobby, corner, 0.3);
         }
         self.put(kit.counter, lobby, vec3(1.6, 0.0, 0.0), 0.25);
@@ -89,12 +84,7 @@ impl Decorator<'_> {
             self.put(kit.screens[0], lobby, vec3(1.55, 1.05, z), -0.25);
             self.put(kit.pendants[WARM], lobby, vec3(1.6, CLEAR_HEIGHT, z), 0.0);
         }
-        self.put(
-            kit.exit_sign,
-            lobby,
-            vec3(LOBBY_LENGTH - 0.4, CLEAR_HEIGHT, 0.0),
-            0.25,
-        );
+        self.put(kit.exit_sign, lobby, vec3(LOBBY_LENGTH - 0.4, CLEAR_HEIGHT, 0.0), 0.25);
     }
 
     /// From the lobby, at x = 0, to the end of the building.
@@ -149,19 +139,9 @@ impl Decorator<'_> {
         for place in [-1.1, -0.4, 0.4, 1.1] {
             for (side, turn) in [(-0.95, 0.25), (0.95, -0.25)] {
                 let wobble = self.rng.between(-0.05, 0.05);
-                self.put(
-                    kit.chair,
-                    room,
-                    middle + vec3(side, 0.0, place),
-                    turn + wobble,
-                );
+                self.put(kit.chair, room, middle + vec3(side, 0.0, place), turn + wobble);
             }
-            self.put(
-                kit.pendants[tint],
-                room,
-                middle + vec3(0.0, CLEAR_HEIGHT, place),
-                0.0,
-            );
+            self.put(kit.pendants[tint], room, middle + vec3(0.0, CLEAR_HEIGHT, place), 0.0);
         }
         self.put(kit.screens[1], room, middle + vec3(0.0, 0.75, 1.2), 0.5);
         self.put(kit.shelf, room, vec3(4.7, 0.0, 3.0), -0.25);
@@ -172,12 +152,7 @@ impl Decorator<'_> {
         let kit = self.kit;
         for (x, turn) in [(0.62, 0.25), (4.38, -0.25)] {
             for place in 0..6 {
-                self.put(
-                    kit.rack,
-                    room,
-                    vec3(x, 0.0, 1.7 + 0.65 * place as f32),
-                    turn,
-                );
+                self.put(kit.rack, room, vec3(x, 0.0, 1.7 + 0.65 * place as f32), turn);
             }
         }
         let tint = self.rng.pick(&[TEAL, BLUE, BLUE]);
@@ -195,12 +170,7 @@ impl Decorator<'_> {
         self.put(lamp, room, vec3(0.7, 0.0, 5.3), 0.0);
         self.put(kit.plant, room, vec3(4.3, 0.0, 5.4), 0.0);
         for (x, z) in [(1.6, 2.8), (2.5, 3.8), (3.4, 4.8)] {
-            self.put(
-                kit.pendants[tint],
-                room,
-                vec3(x, CLEAR_HEIGHT + 0.2, z),
-                0.0,
-            );
+            self.put(kit.pendants[tint], room, vec3(x, CLEAR_HEIGHT + 0.2, z), 0.0);
         }
     }
 
@@ -208,8 +178,7 @@ impl Decorator<'_> {
         let kit = self.kit;
         for (x, turn) in [(0.6, 0.25), (4.4, -0.25)] {
             for z in [2.6, 4.3] {
-                let bench =
-                    room * Mat4::from_translation(vec3(x, 0.0, z)) * rotation(Vec3::Y, turn);
+                let bench = room * Mat4::from_translation(vec3(x, 0.0, z)) * rotation(Vec3::Y, turn);
                 self.put(kit.desk, bench, Vec3::ZERO, 0.0);
                 for place in [-0.5, 0.0, 0.5] {
                     if self.rng.chance(0.75) {
@@ -239,9 +208,6 @@ impl Decorator<'_> {
     }
 
     fn put(&mut self, mesh: u32, frame: Mat4, at: Vec3, turn: f32) {
-        self.scene.place(
-            mesh,
-            frame * Mat4::from_translation(at) * rotation(Vec3::Y, turn),
-        );
+        self.scene.place(mesh, frame * Mat4::from_translation(at) * rotation(Vec3::Y, turn));
     }
 }

@@ -63,40 +63,24 @@ impl Kit {
         let leaf = scene.glossy("leaf", [0.08, 0.24, 0.07], 0.4);
         let clay = scene.matte("clay", [0.45, 0.22, 0.14]);
         let card = scene.matte("cardboard", [0.42, 0.30, 0.18]);
-        let books = [
-            [0.5, 0.09, 0.07],
-            [0.08, 0.2, 0.42],
-            [0.62, 0.5, 0.2],
-            [0.1, 0.32, 0.2],
-            [0.6, 0.58, 0.52],
-        ]
-        .map(|color| scene.matte("book", color));
+        let books = [[0.5, 0.09, 0.07], [0.08, 0.2, 0.42], [0.62, 0.5, 0.2], [0.1, 0.32, 0.2], [0.6, 0.58, 0.52]]
+            .map(|color| scene.matte("book", color));
 
         let bright = TINTS.map(|(name, tint)| scene.lamp(&format!("{name} tube"), tint, 36.0));
         let soft = TINTS.map(|(name, tint)| scene.lamp(&format!("{name} panel"), tint, 12.0));
-        let bulb = [WARM, NEUTRAL, COOL]
-            .map(|i| scene.lamp(&format!("{} bulb", TINTS[i].0), TINTS[i].1, 90.0));
-        let screen = [[0.25, 0.5, 1.0], [0.9, 0.9, 1.0], [0.3, 1.0, 0.6]]
-            .map(|tint| scene.lamp("screen", tint, 1.8));
-        let led = [[0.1, 1.0, 0.2], [0.1, 0.3, 1.0], [1.0, 0.4, 0.05]]
-            .map(|tint| scene.lamp("led", tint, 12.0));
+        let bulb = [WARM, NEUTRAL, COOL].map(|i| scene.lamp(&format!("{} bulb", TINTS[i].0), TINTS[i].1, 90.0));
+        let screen = [[0.25, 0.5, 1.0], [0.9, 0.9, 1.0], [0.3, 1.0, 0.6]].map(|tint| scene.lamp("screen", tint, 1.8));
+        let led = [[0.1, 1.0, 0.2], [0.1, 0.3, 1.0], [1.0, 0.4, 0.05]].map(|tint| scene.lamp("led", tint, 12.0));
         let exit = scene.lamp("exit sign", [0.05, 1.0, 0.25], 5.0);
 
         Self {
             tubes: bright.map(|light| scene.mesh("tube light", |m| tube_light(m, steel, light))),
-            pendants: bright
-                .map(|light| scene.mesh("pendant light", |m| pendant_light(m, black, light))),
+            pendants: bright.map(|light| scene.mesh("pendant light", |m| pendant_light(m, black, light))),
             panels: soft.map(|light| scene.mesh("panel light", |m| panel_light(m, steel, light))),
             tanks: soft.map(|light| {
                 scene.mesh("tank", |m| {
                     m.tube(vec3(0.0, 0.0, 0.0), vec3(0.0, 0.12, 0.0), 0.16, 20, black);
-                    m.frustum(
-                        (vec3(0.0, 0.11, 0.0), 0.13),
-                        (vec3(0.0, 0.7, 0.0), 0.13),
-                        20,
-                        5,
-                        light,
-                    );
+                    m.frustum((vec3(0.0, 0.11, 0.0), 0.13), (vec3(0.0, 0.7, 0.0), 0.13), 20, 5, light);
                     m.tube(vec3(0.0, 0.69, 0.0), vec3(0.0, 0.78, 0.0), 0.16, 20, black);
                 })
             }),
@@ -113,50 +97,24 @@ impl Kit {
                     m.cuboid(vec3(-0.12, -0.005, -0.08), vec3(0.12, 0.012, 0.08), black);
                     m.cuboid(vec3(-0.02, 0.01, -0.03), vec3(0.02, 0.3, -0.01), black);
                     m.cuboid(vec3(-0.31, 0.12, -0.012), vec3(0.31, 0.5, 0.012), black);
-                    m.grid(
-                        vec3(-0.295, 0.135, 0.014),
-                        Vec3::X * 0.59,
-                        Vec3::Y * 0.35,
-                        8,
-                        5,
-                        light,
-                    );
+                    m.grid(vec3(-0.295, 0.135, 0.014), Vec3::X * 0.59, Vec3::Y * 0.35, 8, 5, light);
                 })
             }),
-            chandelier: scene.mesh("chandelier", |m| {
-                chandelier(m, rng, black, [bulb[WARM], bright[WARM], bright[AMBER]])
-            }),
+            chandelier: scene
+                .mesh("chandelier", |m| chandelier(m, rng, black, [bulb[WARM], bright[WARM], bright[AMBER]])),
             exit_sign: scene.mesh("exit sign", |m| {
                 for x in [-0.15, 0.15] {
                     m.tube(vec3(x, 0.01, 0.0), vec3(x, -0.16, 0.0), 0.006, 6, steel);
                 }
                 m.cuboid(vec3(-0.24, -0.37, -0.02), vec3(0.24, -0.15, 0.02), black);
-                m.grid(
-                    vec3(-0.22, -0.35, 0.022),
-                    Vec3::X * 0.44,
-                    Vec3::Y * 0.18,
-                    6,
-                    3,
-                    exit,
-                );
-                m.grid(
-                    vec3(0.22, -0.35, -0.022),
-                    -Vec3::X * 0.44,
-                    Vec3::Y * 0.18,
-                    6,
-                    3,
-                    exit,
-                );
+                m.grid(vec3(-0.22, -0.35, 0.022), Vec3::X * 0.44, Vec3::Y * 0.18, 6, 3, exit);
+                m.grid(vec3(0.22, -0.35, -0.022), -Vec3::X * 0.44, Vec3::Y * 0.18, 6, 3, exit);
             }),
             rack: scene.mesh("server rack", |m| rack(m, rng, black, &led)),
-            desk: scene.mesh("desk", |m| {
-                four_legged(m, vec3(1.6, 0.74, 0.8), 0.035, wood, steel)
-            }),
+            desk: scene.mesh("desk", |m| four_legged(m, vec3(1.6, 0.74, 0.8), 0.035, wood, steel)),
             chair: scene.mesh("chair", |m| chair(m, fabric, black)),
             shelf: scene.mesh("shelf", |m| shelf(m, rng, white, &books)),
-            table: scene.mesh("table", |m| {
-                four_legged(m, vec3(3.0, 0.75, 1.2), 0.05, wood, black)
-            }),
+            table: scene.mesh("table", |m| four_legged(m, vec3(3.0, 0.75, 1.2), 0.05, wood, black)),
             sofa: scene.mesh("sofa", |m| {
                 m.cuboid(vec3(-0.95, 0.08, -0.4), vec3(0.95, 0.42, 0.42), leather);
                 m.cuboid(vec3(-0.96, 0.3, -0.46), vec3(0.96, 0.85, -0.25), leather);
@@ -167,20 +125,11 @@ impl Kit {
                     m.tube(vec3(x, -0.01, z), vec3(x, 0.1, z), 0.025, 8, black);
                 }
             }),
-            low_table: scene.mesh("low table", |m| {
-                four_legged(m, vec3(1.1, 0.4, 0.6), 0.03, white, black)
-            }),
+            low_table: scene.mesh("low table", |m| four_legged(m, vec3(1.1, 0.4, 0.6), 0.03, white, black)),
             counter: scene.mesh("counter", |m| {
                 m.cuboid(vec3(-1.7, -0.01, -0.35), vec3(1.7, 1.0, 0.3), wood);
                 m.cuboid(vec3(-1.8, 0.99, -0.42), vec3(1.8, 1.05, 0.42), white);
-                m.grid(
-                    vec3(-1.65, 0.88, 0.302),
-                    Vec3::X * 3.3,
-                    Vec3::Y * 0.05,
-                    24,
-                    1,
-                    bright[TEAL],
-                );
+                m.grid(vec3(-1.65, 0.88, 0.302), Vec3::X * 3.3, Vec3::Y * 0.05, 24, 1, bright[TEAL]);
             }),
             crate_stack: scene.mesh("boxes", |m| {
                 m.cuboid(vec3(-0.4, -0.01, -0.3), vec3(0.3, 0.5, 0.3), card);
@@ -201,13 +150,7 @@ fn tube_light(m: &mut MeshBuilder, metal: u32, light: u32) {
     for z in [-0.78, 0.74] {
         m.cuboid(vec3(-0.025, -0.4, z), vec3(0.025, -0.29, z + 0.04), metal);
     }
-    m.frustum(
-        (vec3(0.0, -0.36, -0.75), 0.028),
-        (vec3(0.0, -0.36, 0.75), 0.028),
-        12,
-        8,
-        light,
-    );
+    m.frustum((vec3(0.0, -0.36, -0.75), 0.028), (vec3(0.0, -0.36, 0.75), 0.028), 12, 8, light);
 }
 
 /// A glowing ball on a cord.
@@ -220,46 +163,15 @@ fn pendant_light(m: &mut MeshBuilder, cord: u32, light: u32) {
 /// A flat square panel, facing down.
 fn panel_light(m: &mut MeshBuilder, metal: u32, light: u32) {
     m.cuboid(vec3(-0.32, -0.05, -0.62), vec3(0.32, 0.01, 0.62), metal);
-    m.grid(
-        vec3(-0.3, -0.052, -0.6),
-        Vec3::X * 0.6,
-        Vec3::Z * 1.2,
-        6,
-        12,
-        light,
-    );
+    m.grid(vec3(-0.3, -0.052, -0.6), Vec3::X * 0.6, Vec3::Z * 1.2, 6, 12, light);
 }
 
 /// An arm, a shade that is open below, and a bulb that looks out of it.
 fn desk_lamp(m: &mut MeshBuilder, metal: u32, light: u32) {
-    m.tube(
-        vec3(0.0, -0.005, 0.0),
-        vec3(0.0, 0.02, 0.0),
-        0.08,
-        20,
-        metal,
-    );
-    m.tube(
-        vec3(0.0, 0.015, 0.0),
-        vec3(-0.08, 0.3, 0.0),
-        0.008,
-        8,
-        metal,
-    );
-    m.tube(
-        vec3(-0.08, 0.3, 0.0),
-        vec3(0.12, 0.45, 0.0),
-        0.008,
-        8,
-        metal,
-    );
-    m.frustum(
-        (vec3(0.13, 0.41, 0.0), 0.075),
-        (vec3(0.12, 0.47, 0.0), 0.03),
-        16,
-        1,
-        metal,
-    );
+    m.tube(vec3(0.0, -0.005, 0.0), vec3(0.0, 0.02, 0.0), 0.08, 20, metal);
+    m.tube(vec3(0.0, 0.015, 0.0), vec3(-0.08, 0.3, 0.0), 0.008, 8, metal);
+    m.tube(vec3(-0.08, 0.3, 0.0), vec3(0.12, 0.45, 0.0), 0.008, 8, metal);
+    m.frustum((vec3(0.13, 0.41, 0.0), 0.075), (vec3(0.12, 0.47, 0.0), 0.03), 16, 1, metal);
     m.ball(vec3(0.132, 0.39, 0.0), 0.036, 1, light);
 }
 
@@ -272,12 +184,7 @@ fn chandelier(m: &mut MeshBuilder, rng: &mut Pcg, cord: u32, lights: [u32; 3]) {
         let foot = on_circle(0.85 * t.sqrt(), 0.618_034 * bulb as f32);
         let drop = 0.25 + 0.55 * (1.0 - t) + rng.between(0.0, 0.12);
         m.tube(foot - Vec3::Y * 0.02, foot - Vec3::Y * drop, 0.004, 5, cord);
-        m.ball(
-            foot - Vec3::Y * (drop + 0.03),
-            rng.pick(&[0.035, 0.045, 0.06]),
-            1,
-            rng.pick(&lights),
-        );
+        m.ball(foot - Vec3::Y * (drop + 0.03), rng.pick(&[0.035, 0.045, 0.06]), 1, rng.pick(&lights));
     }
 }
 
@@ -290,11 +197,7 @@ fn rack(m: &mut MeshBuilder, rng: &mut Pcg, case: u32, leds: &[u32]) {
         for column in 0..6 {
             if rng.chance(0.7) {
                 let x = -0.24 + 0.045 * column as f32;
-                m.cuboid(
-                    vec3(x, y + 0.03, 0.46),
-                    vec3(x + 0.02, y + 0.05, 0.475),
-                    rng.pick(leds),
-                );
+                m.cuboid(vec3(x, y + 0.03, 0.46), vec3(x + 0.02, y + 0.05, 0.475), rng.pick(leds));
             }
         }
     }
@@ -304,24 +207,14 @@ fn four_legged(m: &mut MeshBuilder, size: Vec3, thickness: f32, top: u32, legs: 
     let (x, z) = (0.5 * size.x, 0.5 * size.z);
     m.cuboid(vec3(-x, size.y - thickness, -z), vec3(x, size.y, z), top);
     for (x, z) in [(-x, -z), (x, -z), (-x, z), (x, z)].map(|(x, z)| (x * 0.94, z * 0.88)) {
-        m.cuboid(
-            vec3(x - 0.025, -0.01, z - 0.025),
-            vec3(x + 0.025, size.y - 0.01, z + 0.025),
-            legs,
-        );
+        m.cuboid(vec3(x - 0.025, -0.01, z - 0.025), vec3(x + 0.025, size.y - 0.01, z + 0.025), legs);
     }
 }
 
 fn chair(m: &mut MeshBuilder, fabric: u32, frame: u32) {
     m.cuboid(vec3(-0.23, 0.43, -0.22), vec3(0.23, 0.5, 0.23), fabric);
     m.cuboid(vec3(-0.21, 0.62, -0.27), vec3(0.21, 1.0, -0.21), fabric);
-    m.tube(
-        vec3(0.0, 0.44, -0.2),
-        vec3(0.0, 0.7, -0.255),
-        0.02,
-        8,
-        frame,
-    );
+    m.tube(vec3(0.0, 0.44, -0.2), vec3(0.0, 0.7, -0.255), 0.02, 8, frame);
     m.tube(vec3(0.0, 0.05, 0.0), vec3(0.0, 0.44, 0.0), 0.025, 10, frame);
     for foot in 0..5 {
         let tip = on_circle(0.27, foot as f32 / 5.0);
@@ -341,11 +234,7 @@ fn shelf(m: &mut MeshBuilder, rng: &mut Pcg, board: u32, books: &[u32]) {
         while level < 5 && x < 0.48 {
             let width = rng.between(0.025, 0.06);
             if rng.chance(0.8) {
-                let high = vec3(
-                    x + width - 0.003,
-                    y + rng.between(0.2, 0.3),
-                    rng.between(0.05, 0.12),
-                );
+                let high = vec3(x + width - 0.003, y + rng.between(0.2, 0.3), rng.between(0.05, 0.12));
                 m.cuboid(vec3(x, y + 0.02, -0.14), high, rng.pick(books));
             }
             x += width;
@@ -354,20 +243,11 @@ fn shelf(m: &mut MeshBuilder, rng: &mut Pcg, board: u32, books: &[u32]) {
 }
 
 fn plant(m: &mut MeshBuilder, rng: &mut Pcg, pot: u32, leaf: u32) {
-    m.frustum(
-        (vec3(0.0, -0.01, 0.0), 0.14),
-        (vec3(0.0, 0.36, 0.0), 0.2),
-        20,
-        1,
-        pot,
-    );
+    m.frustum((vec3(0.0, -0.01, 0.0), 0.14), (vec3(0.0, 0.36, 0.0), 0.2), 20, 1, pot);
     for frond in 0..22 {
         let away = on_circle(1.0, 0.618_034 * frond as f32);
         let (reach, height) = (rng.between(0.15, 0.5), rng.between(0.7, 1.45));
-        let (root, bend) = (
-            away * 0.05 + Vec3::Y * 0.34,
-            away * (0.4 * reach) + Vec3::Y * height * 0.8,
-        );
+        let (root, bend) = (away * 0.05 + Vec3::Y * 0.34, away * (0.4 * reach) + Vec3::Y * height * 0.8);
         let tip = away * reach + Vec3::Y * (height - 0.2 * reach);
         m.frustum((root, 0.01), (bend, 0.03), 5, 1, leaf);
         m.frustum((bend, 0.03), (tip, 0.0), 5, 1, leaf);
