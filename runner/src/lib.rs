@@ -5,5 +5,6 @@ pub mod exit;
 pub mod graph;
 pub mod output;
 pub mod packed;
+pub mod reference;
 pub mod scene;
 pub mod technique;

@@ -2,6 +2,7 @@
 
 mod geometry;
 mod top_level;
+mod tree;
 
 use std::ops::Range;
 
@@ -39,16 +40,6 @@ pub enum PackError {
     /// More lights than ids.
     #[error("the scene has {0} emissive triangles over all instances; light ids reach to 2147483647")]
     TooManyLights(u64),
-    /// An acceleration structure deeper than traversal can follow.
-    #[error(
-        "the acceleration structure of mesh `{mesh}` is {depth} levels deep, traversal follows 32; its triangles differ too much in size"
-    )]
-    TooDeep {
-        /// The mesh.
-        mesh: String,
-        /// Levels.
-        depth: u32,
-    },
     /// A transform without an inverse.
     #[error(
         "instance {instance} has a transform without an inverse at {time_s} s; give it a scale above zero in every direction"
@@ -128,7 +119,7 @@ impl PackedScene {
     /// If it does not fit, see [`PackError`].
     pub fn new(scene: &Scene, time_s: f32) -> Result<Self, PackError> {
         let meshes: Vec<PackedMesh> =
-            scene.meshes.par_iter().map(|mesh| PackedMesh::new(mesh, &scene.materials)).collect::<Result<_, _>>()?;
+            scene.meshes.par_iter().map(|mesh| PackedMesh::new(mesh, &scene.materials)).collect();
         fit("records", meshes.iter().map(|m| m.attributes.len() as u64 + m.lights.len() as u64).sum())?;
         fit("triangles", meshes.iter().map(|m| m.triangles.len() as u64).sum())?;
 

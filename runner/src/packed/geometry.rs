@@ -1,21 +1,13 @@
 //! One mesh: its acceleration structure, and everything else in the order of its leaves.
 
-use std::time::Duration;
-
 use glam::{UVec4, Vec3};
-use obvhs::{
-    BvhBuildParams,
-    cwbvh::{CwBvh, builder::build_cwbvh_from_tris, node::CwBvhNode},
-    triangle::Triangle,
-};
+use obvhs::aabb::Aabb;
 use weir_shared::{
-    alias,
-    bvh::MAX_DEPTH,
-    octahedral,
+    alias, octahedral,
     scene::{NO_NORMAL, attribute_flags},
 };
 
-use super::PackError;
+use super::tree;
 use crate::scene::{Material, Mesh};
 
 /// A mesh in the form of the scene buffers, with indices counted from its own start.
@@ -35,15 +27,15 @@ pub(super) struct PackedMesh {
 }
 
 impl PackedMesh {
-    pub(super) fn new(mesh: &Mesh, materials: &[Material]) -> Result<Self, PackError> {
+    pub(super) fn new(mesh: &Mesh, materials: &[Material]) -> Self {
         let corners = |t: u32| mesh.triangles[t as usize].map(|v| mesh.positions[v as usize]);
-        let soup: Vec<Triangle> = (0..mesh.triangles.len() as u32)
+        let boxes: Vec<Aabb> = (0..mesh.triangles.len() as u32)
             .map(|t| {
-                let [v0, v1, v2] = corners(t).map(Into::into);
-                Triangle { v0, v1, v2 }
+                let [a, b, c] = corners(t);
+                Aabb::new(a.min(b).min(c).into(), a.max(b).max(c).into())
             })
             .collect();
-        let tree = build(&soup, &mesh.name)?;
+        let tree = tree::build(&boxes, true);
         let order = &tree.primitive_indices;
 
         let textured =
@@ -85,8 +77,8 @@ impl PackedMesh {
             }
         }
         let power = weights.iter().sum();
-        Ok(Self {
-            nodes: tree.nodes.iter().flat_map(rows).collect(),
+        Self {
+            nodes: tree.nodes.iter().flat_map(tree::rows).collect(),
             triangles,
             attributes,
             flags,
@@ -94,7 +86,7 @@ impl PackedMesh {
             light_table: alias::build(&weights).unwrap_or_default(),
             power,
             bounds,
-        })
+        }
     }
 }
 
@@ -107,41 +99,4 @@ fn emitted_weight(material: &Material, a: Vec3, b: Vec3, c: Vec3) -> f64 {
     let (a, b, c) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
     let sides = if material.two_sided_emission { 2.0 } else { 1.0 };
     sides * radiance * 0.5 * (b - a).cross(c - a).length()
-}
-
-/// Builds the tree; again by a plainer method should the first be too deep.
-fn build(soup: &[Triangle], mesh: &str) -> Result<CwBvh, PackError> {
-    if soup.is_empty() {
-        return Ok(CwBvh::default());
-    }
-    let careful = BvhBuildParams { pre_split: false, max_prims_per_leaf: 3, ..BvhBuildParams::medium_build() };
-    let plain = BvhBuildParams { pre_split: false, ..BvhBuildParams::fastest_build() };
-    let mut deepest = 0;
-    for params in [careful, plain] {
-        let tree = build_cwbvh_from_tris(soup, params, &mut Duration::default());
-        deepest = depth(&tree);
-        if deepest <= MAX_DEPTH {
-            return Ok(tree);
-        }
-    }
-    Err(PackError::TooDeep { mesh: mesh.to_owned(), depth: deepest })
-}
-
-/// Levels of inner nodes.
-pub(super) fn depth(tree: &CwBvh) -> u32 {
-    let mut deepest = 0;
-    let mut stack = vec![(0u32, 1u32)];
-    while let Some((node, level)) = stack.pop() {
-        deepest = deepest.max(level);
-        let node = &tree.nodes[node as usize];
-        let inner = (0..8).filter(|&child| !node.is_leaf(child) && !node.is_child_empty(child));
-        stack.extend(inner.map(|child| (node.child_node_index(child), level + 1)));
-    }
-    deepest
-}
-
-/// A node as five rows of words.
-pub(super) fn rows(node: &CwBvhNode) -> [UVec4; 5] {
-    let words: [u32; 20] = bytemuck::cast(*node);
-    core::array::from_fn(|i| UVec4::from_slice(&words[i * 4..]))
 }

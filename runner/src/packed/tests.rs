@@ -72,7 +72,7 @@ fn traversal_equals_brute_force_on_either_node_test() {
         assert_eq!(portable, expected);
         assert_eq!(unoccluded::<false, false>(&frame, &scene, &packed.bvh, &ray), expected.is_miss());
     }
-    assert!(hits > 1_000, "{hits} hits are too few to compare");
+    assert!(hits > 500, "{hits} hits are too few to compare");
 }
 
 #[test]
@@ -119,7 +119,7 @@ fn instances_are_found_where_they_stand_and_mirrored_lights_keep_their_front() {
             hits += u32::from(!hit.is_miss());
             assert!((hit.t - nearest).abs() <= 1e-4 * nearest.min(100.0), "{} {nearest}", hit.t);
         }
-        assert!(hits > 500);
+        assert!(hits > 50, "{hits} hits are too few to compare");
     }
     // Light ids go through the emitters to an emissive triangle of the right instance, mirrored or not.
     let (view, frame) = (view(&packed), packed.frame);

@@ -1,12 +1,9 @@
 //! The top level: where the instances are at a moment, and an acceleration structure over them.
 
-use std::time::Duration;
-
 use glam::{Mat4, UVec4, Vec3};
-use obvhs::{BvhBuildParams, aabb::Aabb, cwbvh::builder::build_cwbvh};
-use weir_shared::bvh::MAX_DEPTH;
+use obvhs::aabb::Aabb;
 
-use super::{PackError, geometry};
+use super::{PackError, tree};
 use crate::scene::{Instance, Motion};
 
 /// Instances with the bounds of their meshes.
@@ -80,16 +77,8 @@ impl TopLevel {
             // No children at all: every ray misses.
             return Ok(Placed { transforms, order: Vec::new(), nodes: vec![UVec4::ZERO; 5], bounds: [Vec3::ZERO; 2] });
         }
-        let params = BvhBuildParams { max_prims_per_leaf: 1, ..BvhBuildParams::fast_build() };
-        let mut tree = build_cwbvh(&boxes, params, &mut Duration::default());
-        if geometry::depth(&tree) > MAX_DEPTH {
-            tree = build_cwbvh(&boxes, BvhBuildParams::fastest_build(), &mut Duration::default());
-        }
-        let depth = geometry::depth(&tree);
-        if depth > MAX_DEPTH {
-            return Err(PackError::TooDeep { mesh: String::from("(top level)"), depth });
-        }
-        let nodes = tree.nodes.iter().flat_map(geometry::rows).collect();
+        let tree = tree::build(&boxes, false);
+        let nodes = tree.nodes.iter().flat_map(tree::rows).collect();
         Ok(Placed { transforms, order: tree.primitive_indices, nodes, bounds })
     }
 }

@@ -1,0 +1,339 @@
+//! The reference: a plain path tracer, apart from the passes, that everything else is judged by.
+//!
+//! Lights are drawn uniformly, the environment by its own cumulative table, directions by the BSDF; the two ways to
+//! find a light are combined by the balance heuristic (Veach and Guibas 1995). Sums are in f64 and random numbers come
+//! from a generator that no pass uses. What it shares with the passes is geometry, materials and the BSDF.
+
+use glam::{DVec3, UVec4, Vec3};
+use rand_pcg::{
+    Pcg64Mcg,
+    rand_core::{Rng, SeedableRng},
+};
+use rayon::prelude::*;
+use weir_shader::wiring::Feature;
+use weir_shared::{
+    bsdf::Bsdf,
+    bvh,
+    camera::ray_through,
+    environment,
+    frame::Frame,
+    light,
+    ray::{FAR, Hit, Ray, offset_origin},
+    scene::{NO_TEXTURE, Scene as SceneView, material_record},
+    surface::{Surface, surface_at},
+    texture,
+};
+
+use crate::packed::PackedScene;
+
+/// Mean and variance of a pixel in double precision.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Estimate {
+    /// Mean radiance, linear Rec. 709.
+    pub mean: DVec3,
+    /// Sum of squared deviations.
+    deviation: DVec3,
+    /// Samples.
+    pub count: u64,
+    /// Samples among them that were not finite and count as black.
+    pub dropped: u64,
+}
+
+impl Estimate {
+    fn add(&mut self, value: DVec3) {
+        self.count += 1;
+        let difference = value - self.mean;
+        self.mean += difference / self.count as f64;
+        self.deviation += difference * (value - self.mean);
+    }
+
+    /// Variance of the mean; zero before the second sample.
+    pub fn variance_of_mean(&self) -> DVec3 {
+        let n = self.count as f64;
+        if self.count < 2 { DVec3::ZERO } else { self.deviation / (n * (n - 1.0)) }
+    }
+}
+
+/// The reference integrator for one scene and view.
+pub struct Reference<'a> {
+    frame: Frame,
+    scene: SceneView<'a>,
+    bvh: &'a [UVec4],
+    environment: Option<EnvironmentTable>,
+    masks: bool,
+    instances: bool,
+    /// Surfaces on a path: 1 is direct light.
+    path_length: u32,
+}
+
+/// Cumulative weights over the texels of the environment.
+struct EnvironmentTable {
+    cumulative: Vec<f64>,
+}
+
+impl EnvironmentTable {
+    fn new(frame: &Frame, scene: &SceneView<'_>) -> Option<Self> {
+        let (width, height) = (i64::from(frame.environment_width), i64::from(frame.environment_height));
+        if width == 0 {
+            return None;
+        }
+        let value = |x: i64, y: i64| {
+            let texel = y.clamp(0, height - 1) * width + x.rem_euclid(width);
+            let at = frame.environment_texels_at as usize + texel as usize * 3;
+            scene.texels[at..at + 3].iter().map(|&b| f64::from(f32::from_bits(b))).sum::<f64>()
+        };
+        let mut sum = 0.0;
+        let mut cumulative = Vec::with_capacity((width * height) as usize);
+        for y in 0..height {
+            let solid_angle = texel_solid_angle(frame, y as usize);
+            for x in 0..width {
+                // The brightest neighbour: positive wherever the interpolation is.
+                let neighbours = (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (x + dx, y + dy)));
+                let brightest = neighbours.map(|(x, y)| value(x, y)).fold(0.0, f64::max);
+                sum += (0.9 * value(x, y) + 0.1 * brightest) * solid_angle;
+                cumulative.push(sum);
+            }
+        }
+        (sum > 0.0).then_some(Self { cumulative })
+    }
+
+    fn probability(&self, texel: usize) -> f64 {
+        let before = if texel == 0 { 0.0 } else { self.cumulative[texel - 1] };
+        (self.cumulative[texel] - before) / self.cumulative[self.cumulative.len() - 1]
+    }
+
+    fn draw(&self, u: f64) -> usize {
+        let wanted = u * self.cumulative[self.cumulative.len() - 1];
+        self.cumulative.partition_point(|&c| c <= wanted).min(self.cumulative.len() - 1)
+    }
+}
+
+fn texel_solid_angle(frame: &Frame, row: usize) -> f64 {
+    let theta = |row: usize| row as f64 / f64::from(frame.environment_height) * core::f64::consts::PI;
+    (theta(row).cos() - theta(row + 1).cos()) * core::f64::consts::TAU / f64::from(frame.environment_width)
+}
+
+fn uniform(rng: &mut Pcg64Mcg) -> f64 {
+    (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+}
+
+impl<'a> Reference<'a> {
+    /// The integrator for a packed scene seen as `frame` says. `path_length` counts the surfaces of a path.
+    pub fn new(packed: &'a PackedScene, frame: Frame, path_length: u32) -> Self {
+        let scene =
+            SceneView { triangles: &packed.triangles, records: &packed.records, texels: &packed.texels };
+        Self {
+            frame,
+            scene,
+            bvh: &packed.bvh,
+            environment: EnvironmentTable::new(&frame, &scene),
+            masks: packed.features.contains(&Feature::TEXTURES),
+            instances: packed.features.contains(&Feature::INSTANCES),
+            path_length,
+        }
+    }
+
+    /// Adds `samples` more to each pixel, from a stream of random numbers for this pixel and `block`.
+    pub fn accumulate(&self, estimates: &mut [Estimate], block: u64, samples: u32) {
+        let width = self.frame.width as usize;
+        estimates.par_chunks_mut(width).enumerate().for_each(|(y, row)| {
+            for (x, estimate) in row.iter_mut().enumerate() {
+                let pixel = (y * width + x) as u64;
+                let key = [pixel, block, u64::from(self.frame.seed), 0x7265_6665_7265_6e63];
+                let mut seed = [0; 16];
+                let mut mixed = 0u64;
+                for (i, word) in key.into_iter().enumerate() {
+                    // SplitMix64 (Steele et al. 2014) over the words of the key.
+                    mixed = mixed.wrapping_add(word).wrapping_add(0x9e37_79b9_7f4a_7c15);
+                    let z = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+                    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+                    mixed = z ^ (z >> 31);
+                    seed[(i & 1) * 8..][..8].copy_from_slice(&mixed.to_le_bytes());
+                }
+                let mut rng = Pcg64Mcg::from_seed(seed);
+                for _ in 0..samples {
+                    let radiance = self.sample(x as f32, y as f32, &mut rng);
+                    estimate.dropped += u64::from(!radiance.is_finite());
+                    estimate.add(if radiance.is_finite() { radiance } else { DVec3::ZERO });
+                }
+            }
+        });
+    }
+
+    fn closest(&self, ray: &Ray) -> Hit {
+        let (frame, scene, bvh) = (&self.frame, &self.scene, self.bvh);
+        match (self.masks, self.instances) {
+            (false, false) => bvh::closest_hit::<false, false>(frame, scene, bvh, ray),
+            (false, true) => bvh::closest_hit::<false, true>(frame, scene, bvh, ray),
+            (true, false) => bvh::closest_hit::<true, false>(frame, scene, bvh, ray),
+            (true, true) => bvh::closest_hit::<true, true>(frame, scene, bvh, ray),
+        }
+    }
+
+    fn visible(&self, ray: &Ray) -> bool {
+        let (frame, scene, bvh) = (&self.frame, &self.scene, self.bvh);
+        match (self.masks, self.instances) {
+            (false, false) => bvh::unoccluded::<false, false>(frame, scene, bvh, ray),
+            (false, true) => bvh::unoccluded::<false, true>(frame, scene, bvh, ray),
+            (true, false) => bvh::unoccluded::<true, false>(frame, scene, bvh, ray),
+            (true, true) => bvh::unoccluded::<true, true>(frame, scene, bvh, ray),
+        }
+    }
+
+    fn sky(&self, direction: Vec3) -> DVec3 {
+        if self.environment.is_some() {
+            environment::radiance(&self.frame, &self.scene, direction).as_dvec3()
+        } else {
+            DVec3::ZERO
+        }
+    }
+
+    /// Radiance of one path through pixel (x, y).
+    fn sample(&self, x: f32, y: f32, rng: &mut Pcg64Mcg) -> DVec3 {
+        let mut ray = ray_through(&self.frame, x + uniform(rng) as f32, y + uniform(rng) as f32);
+        let mut hit = self.closest(&ray);
+        if hit.is_miss() {
+            return self.sky(ray.direction);
+        }
+        let mut found = surface_at::<true>(&self.frame, &self.scene, &hit, ray.direction);
+        let mut radiance = found.emitted.as_dvec3();
+        let mut throughput = DVec3::ONE;
+        for _ in 0..self.path_length {
+            let surface = found.surface;
+            let bsdf = Bsdf::new(&surface, -ray.direction);
+            radiance += throughput * self.light_sample(&surface, &bsdf, rng);
+
+            let direction = bsdf.sample(uniform(rng) as f32, uniform(rng) as f32, uniform(rng) as f32);
+            let pdf = f64::from(bsdf.pdf_solid_angle(direction));
+            let reflected = bsdf.evaluate::<true>(direction).as_dvec3();
+            if !(pdf > 0.0) || reflected == DVec3::ZERO {
+                return radiance;
+            }
+            throughput *= reflected / pdf;
+            let origin = offset_origin(surface.position(), surface.normal_geometric(), surface.error, direction);
+            ray = Ray { origin, direction, t_max: FAR };
+            hit = self.closest(&ray);
+            if hit.is_miss() {
+                let weight = pdf / (pdf + self.environment_pdf(direction));
+                return radiance + throughput * self.sky(direction) * weight;
+            }
+            found = surface_at::<true>(&self.frame, &self.scene, &hit, direction);
+            if found.emitted != Vec3::ZERO {
+                let triangle = self.scene.world_triangle(&self.frame, hit.instance, hit.triangle);
+                let doubled = triangle.doubled_area_normal().as_dvec3();
+                // pdf over area times d^2 / cos, with cos = |n.d| / |n| and area = |n| / 2.
+                let pdf_light = self.area_share() * 2.0 * f64::from(hit.t).powi(2)
+                    / (f64::from(self.frame.light_count) * doubled.dot(direction.as_dvec3()).abs().max(1e-300));
+                radiance += throughput * found.emitted.as_dvec3() * (pdf / (pdf + pdf_light));
+            }
+        }
+        radiance
+    }
+
+    /// Probability of drawing an emissive triangle rather than the environment.
+    fn area_share(&self) -> f64 {
+        match (self.frame.light_count > 0, self.environment.is_some()) {
+            (true, true) => 0.5,
+            (true, false) => 1.0,
+            _ => 0.0,
+        }
+    }
+
+    /// Density of drawing `direction` from the environment, in sr^-1.
+    fn environment_pdf(&self, direction: Vec3) -> f64 {
+        let Some(table) = &self.environment else { return 0.0 };
+        let d = direction.as_dvec3();
+        let (sin, cos) = (f64::from(self.frame.environment_sin), f64::from(self.frame.environment_cos));
+        let (x, z) = (cos * d.x - sin * d.z, cos * d.z + sin * d.x);
+        let (width, height) = (self.frame.environment_width as usize, self.frame.environment_height as usize);
+        let u = x.atan2(-z) / core::f64::consts::TAU + 0.5;
+        let v = x.hypot(z).atan2(d.y) / core::f64::consts::PI;
+        let column = ((u * width as f64) as usize).min(width - 1);
+        let row = ((v * height as f64) as usize).min(height - 1);
+        table.probability(row * width + column) / texel_solid_angle(&self.frame, row) * (1.0 - self.area_share())
+    }
+
+    /// Reflected light of one light sample, weighted against the BSDF's chance of finding it.
+    fn light_sample(&self, surface: &Surface, bsdf: &Bsdf, rng: &mut Pcg64Mcg) -> DVec3 {
+        let choice = uniform(rng);
+        if choice < self.area_share() {
+            self.triangle_sample(surface, bsdf, rng)
+        } else if let Some(table) = &self.environment {
+            self.environment_sample(table, surface, bsdf, rng)
+        } else {
+            DVec3::ZERO
+        }
+    }
+
+    fn triangle_sample(&self, surface: &Surface, bsdf: &Bsdf, rng: &mut Pcg64Mcg) -> DVec3 {
+        let (frame, scene) = (&self.frame, &self.scene);
+        let id = ((uniform(rng) * f64::from(frame.light_count)) as u32).min(frame.light_count - 1);
+        let (instance, triangle) = light::triangle_of(frame, scene, id);
+        let vertices = scene.world_triangle(frame, instance, triangle);
+        let root = uniform(rng).sqrt();
+        let split = uniform(rng);
+        let (b, c) = ((root * (1.0 - split)) as f32, (root * split) as f32);
+        let point = vertices.point(b, c);
+        let doubled = vertices.doubled_area_normal().as_dvec3();
+        let toward = (point - surface.position()).as_dvec3();
+        let distance2 = toward.length_squared();
+        let material = scene.material_of(frame, instance, triangle);
+        let facing = -doubled.dot(toward);
+        let two_sided = scene.material_word(material, material_record::TWO_SIDED) != 0;
+        if !(distance2 > 0.0) || facing == 0.0 || (facing < 0.0 && !two_sided) {
+            return DVec3::ZERO;
+        }
+        let mut emission = scene.material_rgb(material, material_record::EMISSION);
+        let map = scene.material_word(material, material_record::EMISSION_TEXTURE);
+        if map != NO_TEXTURE {
+            emission *= texture::rgb_at(frame, scene, map, scene.uv_at(frame, instance, triangle, b, c));
+        }
+        let direction = (toward / distance2.sqrt()).as_vec3();
+        let reflected = bsdf.evaluate::<true>(direction).as_dvec3();
+        if reflected == DVec3::ZERO || emission == Vec3::ZERO {
+            return DVec3::ZERO;
+        }
+        // 1 / (light_count * area) per area, to solid angle by d^2 / cos = d^3 |n| / |n.toward|.
+        let pdf = self.area_share() * 2.0 * distance2 * distance2.sqrt()
+            / (f64::from(frame.light_count) * facing.abs());
+        let normal = (doubled / doubled.length()).as_vec3();
+        let origin =
+            offset_origin(surface.position(), surface.normal_geometric(), surface.error, direction);
+        let end = offset_origin(point, normal, vertices.error(), -direction);
+        if !self.visible(&Ray { origin, direction: end - origin, t_max: 1.0 }) {
+            return DVec3::ZERO;
+        }
+        reflected * emission.as_dvec3() / (pdf + f64::from(bsdf.pdf_solid_angle(direction)))
+    }
+
+    fn environment_sample(
+        &self,
+        table: &EnvironmentTable,
+        surface: &Surface,
+        bsdf: &Bsdf,
+        rng: &mut Pcg64Mcg,
+    ) -> DVec3 {
+        let (width, height) = (self.frame.environment_width as usize, f64::from(self.frame.environment_height));
+        let texel = table.draw(uniform(rng));
+        let (row, column) = (texel / width, texel % width);
+        // Uniform over the texel's solid angle: uniform in azimuth and in the cosine of the polar angle.
+        let azimuth = ((column as f64 + uniform(rng)) / width as f64 - 0.5) * core::f64::consts::TAU;
+        let cosine_at = |row: usize| (row as f64 / height * core::f64::consts::PI).cos();
+        let y = cosine_at(row) + (cosine_at(row + 1) - cosine_at(row)) * uniform(rng);
+        let radius = (1.0 - y * y).max(0.0).sqrt();
+        let (x, z) = (radius * azimuth.sin(), -radius * azimuth.cos());
+        let (sin, cos) = (f64::from(self.frame.environment_sin), f64::from(self.frame.environment_cos));
+        let direction = DVec3::new(cos * x + sin * z, y, cos * z - sin * x).normalize().as_vec3();
+        let reflected = bsdf.evaluate::<true>(direction).as_dvec3();
+        if reflected == DVec3::ZERO {
+            return DVec3::ZERO;
+        }
+        let pdf = table.probability(texel) / texel_solid_angle(&self.frame, row) * (1.0 - self.area_share());
+        let origin = offset_origin(surface.position(), surface.normal_geometric(), surface.error, direction);
+        if !self.visible(&Ray { origin, direction, t_max: FAR }) {
+            return DVec3::ZERO;
+        }
+        reflected * self.sky(direction) / (pdf + f64::from(bsdf.pdf_solid_angle(direction)))
+    }
+}
+
