@@ -1,7 +1,9 @@
 //! weir, the library: scenes, the frame graph, its two executors, and what the command line does with them.
 
+pub mod crosscheck;
 pub mod executor;
 pub mod graph;
 pub mod packed;
 pub mod scene;
+pub mod shaders;
 pub mod technique;
