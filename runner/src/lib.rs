@@ -2,7 +2,9 @@
 
 pub mod crosscheck;
 pub mod executor;
+pub mod exit;
 pub mod graph;
+pub mod output;
 pub mod packed;
 pub mod scene;
 pub mod shaders;

@@ -4,6 +4,27 @@
 //! ([`crate::scene::builtin`]) make a [`Scene`]; [`Scene::validate`] is what they must satisfy, and what the
 //! packing into GPU buffers relies on.
 
+pub mod bounds;
+pub mod builtin;
+pub mod camera;
+mod downscale;
+pub mod environment;
+pub mod error;
+pub mod export;
+mod keywords;
+mod lines;
+pub mod load;
+mod map_options;
+mod material;
+pub mod mtl;
+mod normalize;
+mod numbers;
+pub mod obj;
+pub mod source;
+mod statements;
+mod texture;
+mod validate;
+
 use glam::{Mat4, Vec2, Vec3};
 
 /// A scene: flat tables that refer to each other by index.

@@ -1,0 +1,176 @@
+use glam::{Mat4, Vec3};
+use weir_shared::{
+    bvh::{PortableNodeTest, closest_hit, closest_hit_with, unoccluded},
+    light,
+    ray::{FAR, Hit, Ray},
+    rng::pcg4d,
+    scene::Scene as SceneView,
+    triangle::ShearedRay,
+};
+
+use super::*;
+use crate::scene::{Instance, Mesh, Motion};
+
+/// Numbers in -1..1.
+fn signed(i: u32, j: u32) -> [f32; 4] {
+    pcg4d(i, j, 5, 99).map(|b| (b >> 8) as f32 / 8_388_608.0 - 1.0)
+}
+
+/// `n` triangles about the origin, every tenth emissive.
+fn soup(n: u32) -> Scene {
+    let mut mesh = Mesh { name: "soup".into(), ..Mesh::default() };
+    for i in 0..n {
+        let (center, a, b) = (signed(i, 0), signed(i, 1), signed(i, 2));
+        let center = Vec3::from_slice(&center);
+        let first = mesh.positions.len() as u32;
+        mesh.positions.extend([center, center + Vec3::from_slice(&a) * 0.2, center + Vec3::from_slice(&b) * 0.2]);
+        mesh.triangles.push([first, first + 1, first + 2]);
+        mesh.materials.push(u32::from(i % 10 == 0));
+    }
+    Scene {
+        name: "soup".into(),
+        meshes: vec![mesh],
+        instances: vec![Instance { mesh: 0, world_from_object: Mat4::IDENTITY, motion: Motion::Still }],
+        materials: vec![Material::default(), Material { emission: Vec3::ONE, ..Material::default() }],
+        ..Scene::default()
+    }
+}
+
+fn view(packed: &PackedScene) -> SceneView<'_> {
+    SceneView { triangles: &packed.triangles, records: &packed.records, texels: &packed.texels }
+}
+
+fn rays(n: u32) -> impl Iterator<Item = Ray> {
+    (0..n).map(|i| {
+        let origin = Vec3::from_slice(&signed(i, 10)) * 2.0;
+        let direction = match i % 8 {
+            0 => Vec3::X,
+            1 => Vec3::new(0.0, -0.0, -1.0),
+            _ => Vec3::from_slice(&signed(i, 11)),
+        };
+        Ray { origin, direction, t_max: if i % 3 == 0 { 1.0 } else { FAR } }
+    })
+}
+
+#[test]
+fn traversal_equals_brute_force_on_either_node_test() {
+    let packed = PackedScene::new(&soup(3_000), 0.0).expect("packs");
+    let (scene, frame) = (view(&packed), packed.frame);
+    let mut hits = 0;
+    for ray in rays(4_000) {
+        let sheared = ShearedRay::new(ray.origin, ray.direction);
+        let mut expected = Hit::miss(ray.t_max);
+        for triangle in 0..3_000 {
+            let found = sheared.intersect(&packed.triangles, triangle);
+            if found.t > 0.0 && found.t < expected.t {
+                expected = Hit { t: found.t, u: found.u, v: found.v, triangle, instance: 0 };
+            }
+        }
+        hits += u32::from(!expected.is_miss());
+        assert_eq!(closest_hit::<false, false>(&frame, &scene, &packed.bvh, &ray), expected);
+        let portable = closest_hit_with::<false, false, _>(&frame, &scene, &packed.bvh, &ray, PortableNodeTest);
+        assert_eq!(portable, expected);
+        assert_eq!(unoccluded::<false, false>(&frame, &scene, &packed.bvh, &ray), expected.is_miss());
+    }
+    assert!(hits > 1_000, "{hits} hits are too few to compare");
+}
+
+#[test]
+fn instances_are_found_where_they_stand_and_mirrored_lights_keep_their_front() {
+    let mut scene = soup(300);
+    scene.instances = (0..20)
+        .map(|i| {
+            let mirror = if i % 2 == 0 { Vec3::new(-1.0, 1.0, 0.5) } else { Vec3::ONE };
+            Instance {
+                mesh: 0,
+                world_from_object: Mat4::from_translation(Vec3::X * 4.0 * i as f32) * Mat4::from_scale(mirror),
+                motion: if i == 3 {
+                    Motion::Swing { offset: Vec3::Y, frequency_hz: 1.0, phase: 0.0 }
+                } else {
+                    Motion::Still
+                },
+            }
+        })
+        .collect();
+    let mut packed = PackedScene::new(&scene, 0.0).expect("packs");
+    assert!(packed.features.contains(&Feature::INSTANCES) && packed.moves());
+    assert_eq!(packed.frame.light_count, 20 * 30);
+    for time in [0.0, 0.25] {
+        packed.set_time(time).expect("moves");
+        let (view, frame) = (view(&packed), packed.frame);
+        let mut hits = 0;
+        for (i, ray) in rays(3_000).enumerate() {
+            let ray = Ray { origin: ray.origin + Vec3::X * 4.0 * (i % 20) as f32, ..ray };
+            let hit = closest_hit::<false, true>(&frame, &view, &packed.bvh, &ray);
+            let mut nearest = ray.t_max;
+            for instance in 0..20 {
+                for triangle in 0..300 {
+                    let t = view.world_triangle(&frame, instance, triangle);
+                    let mut vertices = [0.0; 9];
+                    for (k, p) in [t.a, t.b, t.c].iter().enumerate() {
+                        p.write_to_slice(&mut vertices[k * 3..]);
+                    }
+                    let found = ShearedRay::new(ray.origin, ray.direction).intersect(&vertices, 0);
+                    if found.t > 0.0 && found.t < nearest {
+                        nearest = found.t;
+                    }
+                }
+            }
+            hits += u32::from(!hit.is_miss());
+            assert!((hit.t - nearest).abs() <= 1e-4 * nearest.min(100.0), "{} {nearest}", hit.t);
+        }
+        assert!(hits > 500);
+    }
+    // Light ids go through the emitters to an emissive triangle of the right instance, mirrored or not.
+    let (view, frame) = (view(&packed), packed.frame);
+    for id in 0..frame.light_count {
+        let (instance, triangle) = light::triangle_of(&frame, &view, id);
+        assert_eq!(instance, id / 30);
+        assert_eq!(packed.records[packed.records_attribute(instance, triangle)], 1);
+        let world = view.world_triangle(&frame, instance, triangle);
+        let t = view.world_triangle(&frame, instance | 1, triangle);
+        // Instance i is mirrored in x when even; its odd neighbour is not.
+        let expected = if instance % 2 == 0 {
+            let n = t.doubled_area_normal();
+            Vec3::new(-n.x * 0.5, n.y * 0.5, n.z)
+        } else {
+            t.doubled_area_normal()
+        };
+        assert!((world.doubled_area_normal() - expected).length() < 1e-4, "light {id}");
+    }
+}
+
+impl PackedScene {
+    /// Word of a triangle's material.
+    fn records_attribute(&self, instance: u32, triangle: u32) -> usize {
+        let at = (instance * instance_record::WORDS) as usize;
+        let local = triangle - self.records[at + instance_record::FIRST_TRIANGLE as usize];
+        let flags = self.records[at + instance_record::FLAGS as usize];
+        (self.records[at + instance_record::ATTRIBUTES_AT as usize]
+            + local * weir_shared::scene::attribute_words(flags)) as usize
+    }
+}
+
+#[test]
+fn a_scene_without_triangles_packs_and_every_ray_misses() {
+    let packed = PackedScene::new(&Scene::default(), 0.0).expect("packs");
+    assert!(packed.has().is_empty() && packed.frame.light_count == 0);
+    let ray = Ray { origin: Vec3::ZERO, direction: Vec3::X, t_max: FAR };
+    assert!(closest_hit::<false, true>(&packed.frame, &view(&packed), &packed.bvh, &ray).is_miss());
+}
+
+#[test]
+fn coincident_and_wildly_different_triangles_still_build() {
+    let mut scene = soup(0);
+    let mesh = &mut scene.meshes[0];
+    for i in 0..100_000u32 {
+        let size = if i % 2 == 0 { 1.0 } else { (i as f32 / 100_000.0 * 60.0 - 30.0).exp2() };
+        let first = mesh.positions.len() as u32;
+        mesh.positions.extend([Vec3::ZERO, Vec3::X * size, Vec3::Y * size]);
+        mesh.triangles.push([first, first + 1, first + 2]);
+        mesh.materials.push(0);
+    }
+    let packed = PackedScene::new(&scene, 0.0).expect("packs");
+    let ray = Ray { origin: Vec3::new(0.1, 0.1, 1.0), direction: -Vec3::Z, t_max: FAR };
+    assert!(!closest_hit::<false, false>(&packed.frame, &view(&packed), &packed.bvh, &ray).is_miss());
+}
