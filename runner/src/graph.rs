@@ -4,6 +4,7 @@
 //! needs and places what remains; it never reorders. Two executors run one plan. A result that is left out reads as
 //! zeros, the neutral value of every buffer.
 
+mod element;
 mod place;
 mod print;
 
@@ -12,6 +13,8 @@ use std::collections::BTreeSet;
 use thiserror::Error;
 use weir_shader::wiring::{Access, Binding, Feature, Pass, Variant};
 
+pub use element::Element;
+
 /// A buffer that passes share.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Resource {
@@ -19,6 +22,8 @@ pub struct Resource {
     pub name: &'static str,
     /// Bytes of an element.
     pub stride: usize,
+    /// Bit i: word i of an element is a float.
+    pub float_words: u32,
     /// How long it lives.
     pub life: Life,
 }
@@ -36,8 +41,8 @@ pub enum Life {
 
 impl Resource {
     /// A resource with elements of type `T`.
-    pub const fn new<T>(name: &'static str, life: Life) -> Self {
-        Self { name, stride: size_of::<T>(), life }
+    pub const fn new<T: Element>(name: &'static str, life: Life) -> Self {
+        Self { name, stride: size_of::<T>(), float_words: T::FLOAT_WORDS, life }
     }
 }
 

@@ -1,5 +1,6 @@
 //! weir, the library: scenes, the frame graph, its two executors, and what the command line does with them.
 
+pub mod crosscheck;
 pub mod executor;
 pub mod exit;
 pub mod graph;
@@ -7,4 +8,5 @@ pub mod output;
 pub mod packed;
 pub mod reference;
 pub mod scene;
+pub mod shaders;
 pub mod technique;

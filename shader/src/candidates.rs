@@ -1,6 +1,6 @@
 //! Initial candidates: one light sample per pixel, by streaming resampled importance sampling.
 
-use glam::{UVec2, Vec3};
+use glam::UVec2;
 use weir_shared::{
     bsdf::Bsdf,
     environment,
@@ -32,7 +32,7 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
     if surface.is_sky() {
         return Reservoir::EMPTY;
     }
-    let toward_camera = Vec3::from_array(frame.camera_origin) - surface.position();
+    let toward_camera = frame.camera_origin - surface.position();
     let outgoing = toward_camera * (1.0 / max(sqrt(toward_camera.length_squared()), 1e-30));
     let bsdf = Bsdf::new(&surface, outgoing);
 

@@ -1,6 +1,6 @@
 //! Shading: emitted light, and the light of the sample that was kept.
 
-use glam::{UVec2, Vec3, Vec4};
+use glam::{UVec2, Vec4};
 use weir_shared::{
     bsdf::Bsdf,
     frame::Frame,
@@ -27,7 +27,7 @@ pub fn shade<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool
         return emitted;
     }
     let surface = load(surfaces, index);
-    let toward_camera = Vec3::from_array(frame.camera_origin) - surface.position();
+    let toward_camera = frame.camera_origin - surface.position();
     let outgoing = toward_camera * (1.0 / max(sqrt(toward_camera.length_squared()), 1e-30));
     let bsdf = Bsdf::new(&surface, outgoing);
     let point = light::evaluate::<TEXTURES, ENVIRONMENT>(frame, scene, reservoir.light, reservoir.uv);

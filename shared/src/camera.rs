@@ -1,6 +1,6 @@
 //! Camera rays.
 
-use glam::{UVec2, Vec3};
+use glam::UVec2;
 
 use crate::{
     frame::Frame,
@@ -26,11 +26,9 @@ pub fn camera_ray(px: UVec2, frame: &Frame) -> Ray {
 pub fn ray_through(frame: &Frame, x_px: f32, y_px: f32) -> Ray {
     let x = 2.0 * x_px / frame.width as f32 - 1.0;
     let y = 1.0 - 2.0 * y_px / frame.height as f32;
-    let toward = Vec3::from_array(frame.camera_forward)
-        + Vec3::from_array(frame.camera_right) * x
-        + Vec3::from_array(frame.camera_up) * y;
+    let toward = frame.camera_forward + frame.camera_right * x + frame.camera_up * y;
     Ray {
-        origin: Vec3::from_array(frame.camera_origin),
+        origin: frame.camera_origin,
         direction: toward * (1.0 / crate::numerics::sqrt(toward.length_squared())),
         t_max: FAR,
     }

@@ -2,11 +2,12 @@
 
 use bytemuck::{Pod, Zeroable};
 use core::mem::{offset_of, size_of};
-use glam::UVec2;
+use glam::{UVec2, Vec3};
 
 /// Binding 0 of every pass.
 ///
-/// Offsets into `records`, `lights` and `texels` count words from the start of the buffer.
+/// Offsets into `records`, `lights` and `texels` count words from the start of the buffer. Vectors start at multiples
+/// of 16 bytes and there are no arrays: what Vulkan asks of a uniform.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Frame {
@@ -20,19 +21,19 @@ pub struct Frame {
     pub seed: u32,
 
     /// Camera position, in scene units.
-    pub camera_origin: [f32; 3],
+    pub camera_origin: Vec3,
     /// Frames accumulated before this one; 0 restarts the running mean.
     pub accumulated: u32,
     /// To the right edge of the image plane at distance 1.
-    pub camera_right: [f32; 3],
+    pub camera_right: Vec3,
     /// 1: camera rays are uniform over the pixel; 0: through its center.
     pub jitter: u32,
     /// To the upper edge of the image plane at distance 1.
-    pub camera_up: [f32; 3],
+    pub camera_up: Vec3,
     /// Multiplies radiance before tone mapping.
     pub exposure: f32,
     /// View direction, of length 1.
-    pub camera_forward: [f32; 3],
+    pub camera_forward: Vec3,
     /// Node of the top level's root in `bvh`.
     pub top_root: u32,
 
@@ -75,7 +76,11 @@ pub struct Frame {
     /// Multiplies the environment's radiance.
     pub environment_scale: f32,
     /// Not used.
-    pub padding: [u32; 3],
+    pub padding_y: u32,
+    /// Not used.
+    pub padding_z: u32,
+    /// Not used.
+    pub padding_w: u32,
 }
 
 const _: () = assert!(size_of::<Frame>() == 160 && offset_of!(Frame, environment_scale) == 144);

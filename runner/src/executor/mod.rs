@@ -1,6 +1,7 @@
 //! Executors: they run the same plan, on the host's threads or on a GPU.
 
 pub mod cpu;
+pub mod gpu;
 
 use bytemuck::Pod;
 
@@ -57,6 +58,12 @@ impl AlignedBytes {
         let mut copy = Self::zeroed(bytes.len());
         copy.bytes_mut().copy_from_slice(bytes);
         copy
+    }
+
+    /// Cuts off what is beyond `len` bytes.
+    pub fn truncate(&mut self, len: usize) {
+        self.len = self.len.min(len);
+        self.rows.truncate(self.len.div_ceil(16));
     }
 
     /// All bytes.

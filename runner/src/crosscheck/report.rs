@@ -1,0 +1,200 @@
+//! What the cross-check found.
+
+use std::fmt;
+
+use weir_shader::wiring::{Access, Binding};
+use weir_shared::frame::Frame;
+
+use crate::{
+    executor::gpu::{Gpu, Loader, Module},
+    graph::Plan,
+};
+
+/// What the cross-check found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// Name of the adapter.
+    pub adapter: String,
+    /// Module that the GPU ran.
+    pub module: Module,
+    /// How it got there.
+    pub loader: Loader,
+    /// Frames that were compared.
+    pub frames: u32,
+    /// One for each output of each pass, in the order of the frame.
+    pub rows: Vec<Row>,
+}
+
+/// One output of one pass, over all frames.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Row {
+    /// The pass.
+    pub pass: &'static str,
+    /// Its output.
+    pub buffer: &'static str,
+    /// Words that were compared.
+    pub words: u64,
+    /// Words that are not the same, bit by bit.
+    pub differing_words: u64,
+    /// Pixels that were compared.
+    pub pixels: u64,
+    /// Pixels with such a word.
+    pub differing_pixels: u64,
+    /// Largest difference of two floats; infinite if one of them is not finite.
+    pub largest_absolute: f32,
+    /// The same, as a part of the larger of the two.
+    pub largest_relative: f32,
+    /// Where it begins.
+    pub first: Option<Difference>,
+}
+
+/// Two words that should be the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Difference {
+    /// Number of the frame.
+    pub frame: u32,
+    /// Column and row of the pixel.
+    pub pixel: [u32; 2],
+    /// Which word of the pixel's element.
+    pub word: usize,
+    /// Whether it is a float.
+    pub float: bool,
+    /// The GPU's.
+    pub gpu: u32,
+    /// The host's.
+    pub host: u32,
+}
+
+impl Report {
+    pub(super) fn new(gpu: &Gpu, module: Module, loader: Loader, plan: &Plan) -> Self {
+        let row = |pass, buffer| Row {
+            pass,
+            buffer,
+            words: 0,
+            differing_words: 0,
+            pixels: 0,
+            differing_pixels: 0,
+            largest_absolute: 0.0,
+            largest_relative: 0.0,
+            first: None,
+        };
+        let rows = plan.steps.iter().flat_map(|step| {
+            let written = step.pass.bindings.iter().filter(|b| b.access == Access::Write);
+            written.map(move |b| row(step.pass.name, b.name))
+        });
+        Self { adapter: gpu.facts.name.clone(), module, loader, frames: 0, rows: rows.collect() }
+    }
+
+    /// Whether no word differs.
+    pub fn is_equal(&self) -> bool {
+        self.rows.iter().all(|row| row.differing_words == 0)
+    }
+
+    /// Adds an output of a frame; bit i of `floats` says that word i of an element is a float.
+    pub(super) fn compare(
+        &mut self,
+        pass: &'static str,
+        binding: &Binding,
+        floats: u32,
+        frame: &Frame,
+        gpu: &[u32],
+        host: &[u32],
+    ) {
+        let Some(row) = self.rows.iter_mut().find(|row| row.pass == pass && row.buffer == binding.name) else {
+            return;
+        };
+        let words = binding.stride / 4;
+        row.words += host.len() as u64;
+        row.pixels += (host.len() / words) as u64;
+        for (i, (on_gpu, on_host)) in gpu.chunks_exact(words).zip(host.chunks_exact(words)).enumerate() {
+            if on_gpu == on_host {
+                continue;
+            }
+            row.differing_pixels += 1;
+            for (word, (&gpu, &host)) in on_gpu.iter().zip(on_host).enumerate().filter(|(_, (g, h))| g != h) {
+                row.differing_words += 1;
+                let float = floats >> word & 1 == 1;
+                let pixel = [i as u32 % frame.width, i as u32 / frame.width];
+                row.first.get_or_insert(Difference { frame: frame.index, pixel, word, float, gpu, host });
+                if float {
+                    let (absolute, relative) = distance(f32::from_bits(gpu), f32::from_bits(host));
+                    row.largest_absolute = row.largest_absolute.max(absolute);
+                    row.largest_relative = row.largest_relative.max(relative);
+                }
+            }
+        }
+    }
+}
+
+/// Absolute and relative difference.
+fn distance(a: f32, b: f32) -> (f32, f32) {
+    let absolute = (a - b).abs();
+    match (a.is_finite() && b.is_finite(), absolute == 0.0) {
+        (false, _) => (f32::INFINITY, f32::INFINITY),
+        (true, true) => (0.0, 0.0),
+        (true, false) => (absolute, absolute / a.abs().max(b.abs())),
+    }
+}
+
+impl fmt::Display for Report {
+    /// A line for each output, then for each that differs where it begins.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let module = format!("{:?}", self.module).to_lowercase();
+        let loader = format!("{:?}", self.loader).to_lowercase();
+        writeln!(f, "{}: {module} module by {loader}, {} frames", self.adapter, self.frames)?;
+        writeln!(
+            f,
+            "{:<18} {:<12} {:>12} {:>12} {:>12} {:>12} {:>10} {:>10}",
+            "pass", "buffer", "words", "differing", "pixels", "differing", "absolute", "relative"
+        )?;
+        for row in &self.rows {
+            writeln!(
+                f,
+                "{:<18} {:<12} {:>12} {:>12} {:>12} {:>12} {:>10.2e} {:>10.2e}",
+                row.pass,
+                row.buffer,
+                row.words,
+                row.differing_words,
+                row.pixels,
+                row.differing_pixels,
+                row.largest_absolute,
+                row.largest_relative
+            )?;
+        }
+        for row in &self.rows {
+            if let Some(first) = row.first {
+                writeln!(f, "pass `{}`, `{}`: {first}", row.pass, row.buffer)?;
+            }
+        }
+        f.write_str(if self.is_equal() { "equal, bit by bit" } else { "not equal" })
+    }
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [x, y] = self.pixel;
+        write!(f, "first at pixel ({x}, {y}), frame {}, word {}: ", self.frame, self.word)?;
+        if self.float {
+            write!(f, "GPU {:e}, host {:e}", f32::from_bits(self.gpu), f32::from_bits(self.host))
+        } else {
+            write!(f, "GPU {:#010x}, host {:#010x}", self.gpu, self.host)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::distance;
+
+    #[test]
+    fn a_float_that_is_not_finite_is_infinitely_far_from_any_other() {
+        assert_eq!(distance(f32::NAN, 1.0).0, f32::INFINITY);
+        assert_eq!(distance(1.0, f32::INFINITY).1, f32::INFINITY);
+    }
+
+    #[test]
+    fn the_relative_difference_is_a_part_of_the_larger() {
+        assert_eq!(distance(3.0, 4.0), (1.0, 0.25));
+        assert_eq!(distance(0.0, -0.0), (0.0, 0.0));
+    }
+}

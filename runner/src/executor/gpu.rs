@@ -1,0 +1,226 @@
+//! The plan on a GPU, through wgpu.
+//!
+//! Nothing here panics when the GPU fails: every call returns a [`GpuError`] that says what to do.
+
+mod adapter;
+mod error;
+mod memory;
+mod pipelines;
+mod timing;
+
+use std::{collections::VecDeque, time::Duration};
+
+use weir_shared::frame::Frame;
+
+pub use adapter::{AdapterChoice, AdapterFacts, Gpu, adapters, instance};
+pub use error::GpuError;
+pub use pipelines::{Loader, Module};
+
+use self::{memory::Memory, pipelines::Compiled, timing::Timer};
+use super::{AlignedBytes, SceneBuffers};
+use crate::graph::{Plan, Slot};
+
+/// Frames that may wait for the GPU; more would add delay and nothing else.
+const FRAMES_IN_FLIGHT: usize = 2;
+
+/// Buffers and pipelines of one plan, and the state between frames.
+pub struct GpuExecutor {
+    gpu: Gpu,
+    plan: Plan,
+    memory: Memory,
+    uniform: wgpu::Buffer,
+    steps: Vec<Compiled>,
+    loader: Loader,
+    in_flight: VecDeque<wgpu::SubmissionIndex>,
+    /// One for each frame in flight; none where the GPU has no clock.
+    timers: Vec<Timer>,
+    times: Vec<(&'static str, Duration)>,
+    frames: usize,
+}
+
+impl GpuExecutor {
+    /// Copies the scene to the GPU and compiles the passes of the plan; blocks until that is done.
+    ///
+    /// # Errors
+    /// If a buffer is too large for the device, if a pass binds too many, if the loader does not work there, or if the
+    /// device fails.
+    pub fn new(
+        gpu: &Gpu,
+        plan: &Plan,
+        scene: SceneBuffers<'_>,
+        loader: Loader,
+        module: Module,
+    ) -> Result<Self, GpuError> {
+        pollster::block_on(Self::create(gpu, plan, scene, loader, module))
+    }
+
+    /// [`GpuExecutor::new`] for those who can't block.
+    ///
+    /// # Errors
+    /// As [`GpuExecutor::new`].
+    pub async fn create(
+        gpu: &Gpu,
+        plan: &Plan,
+        scene: SceneBuffers<'_>,
+        loader: Loader,
+        module: Module,
+    ) -> Result<Self, GpuError> {
+        let loader = loader.resolve(gpu, module)?;
+        let memory = Memory::new(gpu, plan, scene).await?;
+        let uniform = gpu
+            .guarded(|| {
+                gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                    label: Some("frame"),
+                    size: size_of::<Frame>() as u64,
+                    usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+                    mapped_at_creation: false,
+                })
+            })
+            .await?;
+        let steps = pipelines::compile(gpu, plan, &memory, &uniform, loader, module).await?;
+        let timers = if gpu.facts.timestamps && !steps.is_empty() {
+            gpu.guarded(|| (0..FRAMES_IN_FLIGHT).map(|_| Timer::new(gpu, steps.len())).collect()).await?
+        } else {
+            Vec::new()
+        };
+        Ok(Self {
+            gpu: gpu.clone(),
+            plan: plan.clone(),
+            memory,
+            uniform,
+            steps,
+            loader,
+            in_flight: VecDeque::new(),
+            timers,
+            times: Vec::new(),
+            frames: 0,
+        })
+    }
+
+    /// Submits one frame. Waits for the GPU only if it is two frames behind.
+    ///
+    /// # Errors
+    /// If the frame is not of the plan's size, or if the device fails; an earlier frame's failure can show here.
+    pub fn run(&mut self, frame: &Frame) -> Result<(), GpuError> {
+        let [frame_size, plan_size] = [[frame.width, frame.height], [self.plan.facts.width, self.plan.facts.height]];
+        if frame_size != plan_size {
+            return Err(GpuError::FrameSize { frame: frame_size, plan: plan_size });
+        }
+        while self.in_flight.len() >= FRAMES_IN_FLIGHT {
+            self.retire()?;
+        }
+        let timer = self.frames % FRAMES_IN_FLIGHT;
+        let commands = self.record(self.timers.get(timer));
+        // In the queue's order: frames in flight still see their own.
+        self.gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(frame));
+        self.in_flight.push_back(self.gpu.queue.submit([commands]));
+        if let Some(timer) = self.timers.get_mut(timer) {
+            timer.request();
+        }
+        self.frames += 1;
+        self.gpu.check()
+    }
+
+    fn record(&self, timer: Option<&Timer>) -> wgpu::CommandBuffer {
+        let groups = |pixels: u32| pixels.div_ceil(pipelines::WORKGROUP);
+        let mut encoder =
+            self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
+        for (i, step) in self.steps.iter().enumerate() {
+            let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+                label: Some(step.pass),
+                timestamp_writes: timer.map(|timer| timer.around(i)),
+            });
+            pass.set_pipeline(&step.pipeline);
+            pass.set_bind_group(0, &step.bind_groups[self.frames & 1], &[]);
+            pass.dispatch_workgroups(groups(self.plan.facts.width), groups(self.plan.facts.height), 1);
+        }
+        if let Some(timer) = timer {
+            timer.resolve(&mut encoder);
+        }
+        encoder.finish()
+    }
+
+    /// Waits for the oldest frame in flight.
+    fn retire(&mut self) -> Result<(), GpuError> {
+        let Some(submission) = self.in_flight.pop_front() else {
+            return Ok(());
+        };
+        self.gpu.wait(Some(submission))?;
+        let frame = self.frames - self.in_flight.len() - 1;
+        let timer = self.timers.get_mut(frame % FRAMES_IN_FLIGHT);
+        if let Some(times) = timer.and_then(|timer| timer.collect(&self.gpu)) {
+            self.times = self.steps.iter().map(|step| step.pass).zip(times).collect();
+        }
+        Ok(())
+    }
+
+    /// Waits for all frames.
+    ///
+    /// # Errors
+    /// If the device fails or does not answer.
+    pub fn finish(&mut self) -> Result<(), GpuError> {
+        while !self.in_flight.is_empty() {
+            self.retire()?;
+        }
+        self.gpu.check()
+    }
+
+    /// Times of the passes of the last frame that is known to be done; empty where the GPU has no clock.
+    pub fn last_times(&self) -> &[(&'static str, Duration)] {
+        &self.times
+    }
+
+    /// How the SPIR-V reached the driver.
+    pub fn loader(&self) -> Loader {
+        self.loader
+    }
+
+    /// The bytes of an output of the plan after the frames that were run; waits for them.
+    ///
+    /// # Errors
+    /// If it is not an output of the plan, if no frame was run, or if the device fails.
+    pub fn read(&mut self, name: &str) -> Result<AlignedBytes, GpuError> {
+        let output = self.plan.outputs.iter().find(|(output, _)| *output == name);
+        let &(_, slot) = output.filter(|_| self.frames > 0).ok_or_else(|| GpuError::NoOutput(name.to_owned()))?;
+        let mut bytes = self.read_slot(slot)?;
+        // A shared buffer can be larger than the output.
+        let bindings = self.plan.steps.iter().flat_map(|s| s.pass.bindings);
+        if let Some(binding) = bindings.into_iter().find(|b| b.name == name) {
+            bytes.truncate(binding.stride * self.plan.pixels() as usize);
+        }
+        Ok(bytes)
+    }
+
+    /// All bytes of a slot, as the last frame saw it; waits for the frames that were run.
+    ///
+    /// # Errors
+    /// If the device fails.
+    pub fn read_slot(&mut self, slot: Slot) -> Result<AlignedBytes, GpuError> {
+        self.finish()?;
+        let bytes = match slot {
+            Slot::Pool(i) => self.plan.pool[i],
+            Slot::Current(i) | Slot::Previous(i) => self.plan.history[i].bytes,
+            Slot::Zero => self.plan.zero_bytes,
+            Slot::Scene(_) => self.memory.buffer(slot, 0).size(),
+        };
+        self.gpu.download(self.memory.buffer(slot, self.last_parity()), bytes)
+    }
+
+    fn last_parity(&self) -> usize {
+        self.frames.wrapping_sub(1) & 1
+    }
+
+    /// An output's buffer as the last frame wrote it, for passes that draw it without a way over the host.
+    pub fn output_buffer(&self, name: &str) -> Option<&wgpu::Buffer> {
+        let &(_, slot) = self.plan.outputs.iter().find(|(output, _)| *output == name)?;
+        Some(self.memory.buffer(slot, self.last_parity()))
+    }
+
+    /// Overwrites a part of the scene's buffer `name` from byte `offset` on; the next frame sees it.
+    ///
+    /// # Errors
+    /// If that is not within the buffer or not in whole words, or if the device fails.
+    pub fn update_scene(&mut self, name: &str, offset: u64, bytes: &[u8]) -> Result<(), GpuError> {
+        self.memory.update(&self.gpu, name, offset, bytes)
+    }
+}

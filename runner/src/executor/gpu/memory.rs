@@ -1,0 +1,158 @@
+//! Buffers on the GPU: the scene's and the frame's, and the way back.
+
+use std::{collections::BTreeMap, sync::mpsc};
+
+use weir_shader::wiring::Access;
+
+use super::{Gpu, GpuError};
+use crate::{
+    executor::{AlignedBytes, SceneBuffers},
+    graph::{Plan, Slot},
+};
+
+/// An empty buffer can't be bound; this much holds an element of any kind of the scene's.
+const LEAST_BYTES: u64 = 16;
+/// Uploads go through memory of the driver, this much at once.
+const UPLOAD_BYTES: usize = 32 << 20;
+
+/// The buffers of one plan.
+pub(super) struct Memory {
+    scene: BTreeMap<&'static str, (wgpu::Buffer, u64)>,
+    pool: Vec<wgpu::Buffer>,
+    history: Vec<[wgpu::Buffer; 2]>,
+    zero: wgpu::Buffer,
+}
+
+impl Memory {
+    /// Copies the scene; everything else starts as zeros.
+    pub(super) async fn new(gpu: &Gpu, plan: &Plan, scene: SceneBuffers<'_>) -> Result<Self, GpuError> {
+        // All sizes before the first allocation: an error must not cost minutes of upload.
+        for name in SceneBuffers::NAMES {
+            fits(gpu, &format!("`{name}` of the scene"), scene.bytes(name).len() as u64, "use a smaller scene")?;
+        }
+        let [width, height] = [plan.facts.width, plan.facts.height];
+        let of_image = |name: &str| format!("`{name}` of {width}x{height} pixels");
+        for (i, &bytes) in plan.pool.iter().enumerate() {
+            fits(gpu, &of_image(largest_in(plan, i)), bytes, "render at a smaller size")?;
+        }
+        for history in &plan.history {
+            fits(gpu, &of_image(history.name), history.bytes, "render at a smaller size")?;
+        }
+        fits(gpu, &of_image("zeros"), plan.zero_bytes, "render at a smaller size")?;
+
+        let mut buffers = BTreeMap::new();
+        for name in SceneBuffers::NAMES {
+            let bytes = scene.bytes(name);
+            let buffer = storage(gpu, name, bytes.len() as u64).await?;
+            upload(gpu, &buffer, bytes);
+            gpu.check()?;
+            buffers.insert(name, (buffer, bytes.len() as u64));
+        }
+        let mut pool = Vec::new();
+        for (i, &bytes) in plan.pool.iter().enumerate() {
+            pool.push(storage(gpu, &format!("pool {i}"), bytes).await?);
+        }
+        let mut history = Vec::new();
+        for h in &plan.history {
+            history.push([storage(gpu, h.name, h.bytes).await?, storage(gpu, h.name, h.bytes).await?]);
+        }
+        let zero = storage(gpu, "zeros", plan.zero_bytes).await?;
+        Ok(Self { scene: buffers, pool, history, zero })
+    }
+
+    /// The buffer behind a slot in frames of the given parity.
+    pub(super) fn buffer(&self, slot: Slot, parity: usize) -> &wgpu::Buffer {
+        match slot {
+            Slot::Scene(name) => &self.scene.get(name).expect("every buffer of the scene was uploaded").0,
+            Slot::Pool(i) => &self.pool[i],
+            Slot::Current(i) => &self.history[i][parity],
+            Slot::Previous(i) => &self.history[i][parity ^ 1],
+            Slot::Zero => &self.zero,
+        }
+    }
+
+    /// Overwrites a part of a buffer of the scene; the next frame sees it.
+    pub(super) fn update(&self, gpu: &Gpu, name: &str, offset: u64, bytes: &[u8]) -> Result<(), GpuError> {
+        let (buffer, size) = self.scene.get(name).map_or((None, 0), |(buffer, size)| (Some(buffer), *size));
+        let end = offset.saturating_add(bytes.len() as u64);
+        match buffer {
+            Some(buffer) if end <= size && offset % 4 == 0 && end % 4 == 0 => {
+                gpu.queue.write_buffer(buffer, offset, bytes);
+                gpu.check()
+            }
+            _ => Err(GpuError::OutOfRange { buffer: name.to_owned(), offset, end, bytes: size }),
+        }
+    }
+}
+
+/// The resource that sets the size of a pool's buffer.
+fn largest_in(plan: &Plan, pool: usize) -> &'static str {
+    let bindings = plan.steps.iter().flat_map(|s| s.pass.bindings.iter().zip(&s.slots));
+    let inside = bindings.filter(|(_, slot)| **slot == (Access::Write, Slot::Pool(pool)));
+    inside.max_by_key(|(binding, _)| binding.stride).map_or("pool", |(binding, _)| binding.name)
+}
+
+fn fits(gpu: &Gpu, buffer: &str, bytes: u64, remedy: &'static str) -> Result<(), GpuError> {
+    let limits = gpu.device.limits();
+    let limit = limits.max_storage_buffer_binding_size.min(limits.max_buffer_size);
+    if bytes <= limit {
+        return Ok(());
+    }
+    let adapter = gpu.facts.name.clone();
+    Err(GpuError::TooLarge { buffer: buffer.to_owned(), bytes, limit, adapter, remedy })
+}
+
+/// A buffer of zeros that passes can bind and that can be copied from.
+async fn storage(gpu: &Gpu, label: &str, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
+    gpu.guarded(|| {
+        gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size: bytes.max(LEAST_BYTES).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT),
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        })
+    })
+    .await
+}
+
+fn upload(gpu: &Gpu, buffer: &wgpu::Buffer, bytes: &[u8]) {
+    for (i, chunk) in bytes.chunks(UPLOAD_BYTES).enumerate() {
+        gpu.queue.write_buffer(buffer, (i * UPLOAD_BYTES) as u64, chunk);
+        // Lets go of the driver's copy.
+        gpu.queue.submit([]);
+    }
+}
+
+impl Gpu {
+    /// Waits for all that was submitted, and copies the first `bytes` of a buffer.
+    pub(super) fn download(&self, buffer: &wgpu::Buffer, bytes: u64) -> Result<AlignedBytes, GpuError> {
+        if bytes == 0 {
+            return Ok(AlignedBytes::default());
+        }
+        let size = bytes.next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT).min(buffer.size());
+        let staging = pollster::block_on(self.guarded(|| {
+            self.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("readback"),
+                size,
+                usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
+        }))?;
+        let mut encoder =
+            self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("readback") });
+        encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, size);
+        let submission = self.queue.submit([encoder.finish()]);
+        let (sender, receiver) = mpsc::channel();
+        // Nobody listens any more if the wait failed.
+        staging.map_async(wgpu::MapMode::Read, .., move |mapped| drop(sender.send(mapped)));
+        self.wait(Some(submission))?;
+        let refused = |reason: String| GpuError::Validation(format!("`{}`: {reason}", self.facts.name));
+        match receiver.try_recv() {
+            Ok(Ok(())) => {}
+            Ok(Err(error)) => return Err(refused(error.to_string())),
+            Err(error) => return Err(refused(error.to_string())),
+        }
+        let view = staging.get_mapped_range(..).map_err(|error| refused(error.to_string()))?;
+        Ok(AlignedBytes::from_bytes(&view[..bytes.min(size) as usize]))
+    }
+}

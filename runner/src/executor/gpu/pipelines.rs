@@ -1,0 +1,177 @@
+//! From a planned step to a pipeline and its bind groups.
+
+use std::borrow::Cow;
+
+use weir_shader::wiring::{Access, Pass};
+use weir_shared::frame::Frame;
+
+use super::{Gpu, GpuError, memory::Memory};
+use crate::graph::{Plan, Planned};
+
+/// Pixels in a row and in a column of a workgroup; entry points say the same.
+pub(super) const WORKGROUP: u32 = 8;
+
+/// How SPIR-V reaches the driver.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Loader {
+    /// As it is where that works, else through naga
+    #[default]
+    Auto,
+    /// As it is
+    Passthrough,
+    /// Read, checked and written anew by naga
+    Naga,
+}
+
+/// Which of the compiled modules.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+pub enum Module {
+    /// Optimised; differs from the host in the last bits of floats
+    #[default]
+    Plain,
+    /// Every float operation as written, so that it can equal the host; needs passthrough
+    Strict,
+}
+
+/// A step, ready to run.
+pub(super) struct Compiled {
+    pub(super) pass: &'static str,
+    pub(super) pipeline: wgpu::ComputePipeline,
+    /// For frames of even and of odd number: the halves of history swap.
+    pub(super) bind_groups: [wgpu::BindGroup; 2],
+}
+
+impl Loader {
+    /// What `Auto` means here; always `Passthrough` or `Naga`.
+    ///
+    /// # Errors
+    /// If passthrough is asked for, or the strict module needs it, where there is none.
+    pub fn resolve(self, gpu: &Gpu, module: Module) -> Result<Self, GpuError> {
+        let direct = match self {
+            Self::Auto => module == Module::Strict || gpu.has_passthrough(),
+            Self::Passthrough => true,
+            Self::Naga => module == Module::Strict,
+        };
+        match direct {
+            true if !gpu.has_passthrough() => {
+                Err(GpuError::NoPassthrough { adapter: gpu.facts.name.clone(), backend: gpu.facts.backend.clone() })
+            }
+            true => Ok(Self::Passthrough),
+            false => Ok(Self::Naga),
+        }
+    }
+}
+
+/// Pipelines for the steps of a plan, on the given memory.
+pub(super) async fn compile(
+    gpu: &Gpu,
+    plan: &Plan,
+    memory: &Memory,
+    uniform: &wgpu::Buffer,
+    loader: Loader,
+    module: Module,
+) -> Result<Vec<Compiled>, GpuError> {
+    let limit = gpu.device.limits().max_storage_buffers_per_shader_stage;
+    for pass in plan.steps.iter().map(|s| s.pass) {
+        let count = pass.bindings.len();
+        if count > limit as usize {
+            return Err(GpuError::TooManyBuffers { pass: pass.name, count, limit, adapter: gpu.facts.name.clone() });
+        }
+    }
+    let loader = loader.resolve(gpu, module)?;
+    let shader = gpu.guarded(|| load(gpu, plan, loader, module)).await?;
+    let mut compiled = Vec::new();
+    for step in &plan.steps {
+        compiled.push(gpu.guarded(|| compile_step(gpu, step, memory, uniform, &shader)).await?);
+    }
+    Ok(compiled)
+}
+
+fn words(module: Module) -> Cow<'static, [u32]> {
+    match module {
+        Module::Plain => crate::shaders::plain(),
+        Module::Strict => crate::shaders::strict(),
+    }
+}
+
+fn load(gpu: &Gpu, plan: &Plan, loader: Loader, module: Module) -> wgpu::ShaderModule {
+    let label = Some("weir");
+    if loader == Loader::Naga {
+        let source = wgpu::ShaderSource::SpirV(words(module));
+        let descriptor = wgpu::ShaderModuleDescriptor { label, source };
+        // SAFETY: passes index only what the frame and the scene say is there; naga's checks cost a third of the speed.
+        return unsafe { gpu.device.create_shader_module_trusted(descriptor, wgpu::ShaderRuntimeChecks::unchecked()) };
+    }
+    // wgpu doesn't read the module, so it has to be told what it offers.
+    let entry_points = plan.steps.iter().map(|step| wgpu::PassthroughShaderEntryPoint {
+        name: step.variant.entry_point.into(),
+        workgroup_size: (WORKGROUP, WORKGROUP, 1),
+    });
+    let descriptor = wgpu::ShaderModuleDescriptorPassthrough {
+        label,
+        entry_points: entry_points.collect(),
+        spirv: Some(words(module)),
+        ..Default::default()
+    };
+    // SAFETY: the module is built and validated with this crate, and a test keeps it equal to its sources.
+    unsafe { gpu.device.create_shader_module_passthrough(descriptor) }
+}
+
+fn compile_step(
+    gpu: &Gpu,
+    step: &Planned,
+    memory: &Memory,
+    uniform: &wgpu::Buffer,
+    shader: &wgpu::ShaderModule,
+) -> Compiled {
+    let pass = step.pass.name;
+    let layout = layout(gpu, step.pass);
+    let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some(pass),
+        bind_group_layouts: &[Some(&layout)],
+        immediate_size: 0,
+    });
+    let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some(pass),
+        layout: Some(&pipeline_layout),
+        module: shader,
+        entry_point: Some(step.variant.entry_point),
+        compilation_options: wgpu::PipelineCompilationOptions::default(),
+        cache: None,
+    });
+    let bind_groups = [0, 1].map(|parity| {
+        let buffers = step.slots.iter().map(|&(_, slot)| memory.buffer(slot, parity));
+        let entries: Vec<_> = std::iter::once(uniform)
+            .chain(buffers)
+            .zip(0..)
+            .map(|(buffer, binding)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+            .collect();
+        gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some(pass),
+            layout: &layout,
+            entries: &entries,
+        })
+    });
+    Compiled { pass, pipeline, bind_groups }
+}
+
+/// The frame at binding 0, then the buffers of the pass; explicit, because a passthrough module implies none.
+fn layout(gpu: &Gpu, pass: &Pass) -> wgpu::BindGroupLayout {
+    let entry = |binding, ty, bytes| wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility: wgpu::ShaderStages::COMPUTE,
+        ty: wgpu::BindingType::Buffer {
+            ty,
+            has_dynamic_offset: false,
+            min_binding_size: wgpu::BufferSize::new(bytes as u64),
+        },
+        count: None,
+    };
+    let storage = pass.bindings.iter().zip(1..).map(|(binding, number)| {
+        let read_only = binding.access == Access::Read;
+        entry(number, wgpu::BufferBindingType::Storage { read_only }, binding.stride)
+    });
+    let entries: Vec<_> =
+        std::iter::once(entry(0, wgpu::BufferBindingType::Uniform, size_of::<Frame>())).chain(storage).collect();
+    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(pass.name), entries: &entries })
+}
