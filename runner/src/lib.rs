@@ -7,6 +7,8 @@ pub mod graph;
 pub mod output;
 pub mod packed;
 pub mod reference;
+pub mod render;
 pub mod scene;
+pub mod settings;
 pub mod shaders;
 pub mod technique;

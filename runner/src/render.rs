@@ -1,0 +1,347 @@
+//! Still pictures: independent frames, accumulated, on whichever executor there is.
+
+use std::time::{Duration, Instant};
+
+use glam::{DVec3, Mat4, Vec3};
+use thiserror::Error;
+use weir_shared::{frame::Frame, light::ENVIRONMENT_BIT, moments::Moments, reservoir::Reservoir, surface::Surface};
+
+use crate::{
+    executor::{
+        AlignedBytes, SceneBuffers,
+        cpu::{CpuExecutor, Order},
+        gpu::{Gpu, GpuError, GpuExecutor, Loader, Module},
+    },
+    graph::{Facts, GraphError, Plan},
+    output::{Layers, Picture},
+    packed::PackedScene,
+    reference::{Estimate, Reference},
+    scene::Camera,
+    settings::Settings,
+    technique::{ToneCurve, direct_light},
+};
+
+/// When a picture is done.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Stop {
+    /// After so many samples of each pixel.
+    Samples(u32),
+    /// After so much time, in whole frames.
+    Time(Duration),
+}
+
+/// What to render.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// View.
+    pub camera: Camera,
+    /// Seed of all random numbers.
+    pub seed: u32,
+    /// End.
+    pub stop: Stop,
+    /// Tone curve of the 8-bit picture.
+    pub curve: ToneCurve,
+    /// Multiplies radiance before the tone curve.
+    pub exposure: f32,
+    /// Knobs.
+    pub settings: Settings,
+}
+
+/// Who computes.
+pub enum Backend<'a> {
+    /// The host's threads, in the given order.
+    Cpu(Order),
+    /// A GPU.
+    Gpu(&'a Gpu),
+}
+
+/// A picture, and what it took.
+pub struct Rendered {
+    /// Linear mean radiance.
+    pub picture: Picture,
+    /// Variance of the mean of each channel.
+    pub variance: Vec<[f32; 3]>,
+    /// Tone-mapped, 8-bit sRGB, red in the low byte.
+    pub display: Vec<u32>,
+    /// Samples of each pixel.
+    pub samples: u32,
+    /// Time from the first frame to the last.
+    pub elapsed: Duration,
+    /// Time of each pass in the last frame, where it is known.
+    pub pass_times: Vec<(&'static str, Duration)>,
+    /// Samples that were not finite; counted by the reference integrator only.
+    pub dropped: u64,
+}
+
+/// Why there is no picture.
+#[derive(Debug, Error)]
+pub enum RenderError {
+    /// The frame has no plan.
+    #[error(transparent)]
+    Graph(#[from] GraphError),
+    /// The GPU failed.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+}
+
+/// The uniform of frame 0 of a request: scene, view and knobs.
+pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
+    let camera = &request.camera;
+    let forward = (camera.target - camera.origin).normalize();
+    let right = forward.cross(camera.up).normalize();
+    let up = right.cross(forward);
+    let half_height = (camera.vfov_deg.to_radians() * 0.5).tan();
+    let half_width = half_height * request.width as f32 / request.height as f32;
+    Frame {
+        width: request.width,
+        height: request.height,
+        index: 0,
+        seed: request.seed,
+        camera_origin: camera.origin,
+        accumulated: 0,
+        camera_right: right * half_width,
+        jitter: 1,
+        camera_up: up * half_height,
+        exposure: request.exposure,
+        camera_forward: forward,
+        candidates: request.settings.candidates,
+        pick_by_power: u32::from(request.settings.pick_by_power),
+        ..packed.frame
+    }
+}
+
+/// What the plan of a request depends on.
+pub fn facts_of(packed: &PackedScene, width: u32, height: u32) -> Facts {
+    Facts { width, height, has: packed.has(), features: packed.features.clone() }
+}
+
+/// An executor of either kind.
+enum Executor {
+    Cpu(Box<CpuExecutor>),
+    Gpu(Box<GpuExecutor>),
+}
+
+impl Executor {
+    fn new(backend: &Backend<'_>, plan: &Plan, scene: SceneBuffers<'_>) -> Result<Self, GpuError> {
+        Ok(match backend {
+            Backend::Cpu(order) => {
+                let mut executor = CpuExecutor::new(plan);
+                executor.order = *order;
+                Self::Cpu(Box::new(executor))
+            }
+            Backend::Gpu(gpu) => {
+                Self::Gpu(Box::new(GpuExecutor::new(gpu, plan, scene, Loader::Auto, Module::Plain)?))
+            }
+        })
+    }
+
+    /// Runs a frame; on a GPU it may still be under way afterwards.
+    fn run(
+        &mut self,
+        plan: &Plan,
+        scene: SceneBuffers<'_>,
+        frame: &Frame,
+    ) -> Result<Vec<(&'static str, Duration)>, GpuError> {
+        match self {
+            Self::Cpu(executor) => Ok(executor.run(plan, scene, frame)),
+            Self::Gpu(executor) => {
+                executor.run(frame)?;
+                Ok(executor.last_times().to_vec())
+            }
+        }
+    }
+
+    fn read(&mut self, plan: &Plan, name: &str) -> Result<AlignedBytes, GpuError> {
+        match self {
+            Self::Cpu(executor) => {
+                Ok(AlignedBytes::from_bytes(executor.output(plan, name).expect("the plan has this output")))
+            }
+            Self::Gpu(executor) => executor.read(name),
+        }
+    }
+
+    fn finish(&mut self) -> Result<(), GpuError> {
+        match self {
+            Self::Cpu(_) => Ok(()),
+            Self::Gpu(executor) => executor.finish(),
+        }
+    }
+}
+
+/// Renders by the passes. `progress` is told the samples so far after each frame; it ends the picture early by
+/// returning false.
+///
+/// # Errors
+/// If the size is refused or the GPU fails.
+pub fn render(
+    packed: &PackedScene,
+    request: &Request,
+    backend: &Backend<'_>,
+    mut progress: impl FnMut(u32) -> bool,
+) -> Result<Rendered, RenderError> {
+    let facts = facts_of(packed, request.width, request.height);
+    let plan = direct_light(&facts, request.curve, &["moments", "display"])?;
+    let scene = packed.buffers();
+    let mut executor = Executor::new(backend, &plan, scene)?;
+    let mut frame = frame_of(packed, request);
+    let start = Instant::now();
+    let mut pass_times;
+    loop {
+        pass_times = executor.run(&plan, scene, &frame)?;
+        frame.index = frame.index.wrapping_add(1);
+        frame.accumulated += 1;
+        let done = match request.stop {
+            Stop::Samples(n) => frame.accumulated >= n,
+            Stop::Time(limit) => {
+                executor.finish()?;
+                // Stops where another frame of average length would end beyond the limit by more than it falls short.
+                let elapsed = start.elapsed();
+                elapsed + elapsed / frame.accumulated / 2 >= limit
+            }
+        };
+        if !progress(frame.accumulated) || done {
+            break;
+        }
+    }
+    executor.finish()?;
+    let elapsed = start.elapsed();
+    let moments = executor.read(&plan, "moments")?;
+    let moments: &[Moments] = moments.elements();
+    let display = executor.read(&plan, "display")?.elements().to_vec();
+    Ok(Rendered {
+        picture: Picture {
+            width: request.width,
+            height: request.height,
+            rgb: moments.iter().map(|m| m.mean().to_array()).collect(),
+            alpha: None,
+        },
+        variance: moments.iter().map(|m| m.variance_of_mean().to_array()).collect(),
+        display,
+        samples: frame.accumulated,
+        elapsed,
+        pass_times,
+        dropped: 0,
+    })
+}
+
+/// Renders by the reference integrator, on the host.
+pub fn render_reference(
+    packed: &PackedScene,
+    request: &Request,
+    mut progress: impl FnMut(u32) -> bool,
+) -> Result<Rendered, RenderError> {
+    // The same limits on the size as for the passes.
+    direct_light(&facts_of(packed, request.width, request.height), request.curve, &["moments"])?;
+    let frame = frame_of(packed, request);
+    let reference = Reference::new(packed, frame, request.settings.path_length);
+    let mut estimates = vec![Estimate::default(); (request.width * request.height) as usize];
+    let start = Instant::now();
+    let mut samples = 0u32;
+    let mut block = 0;
+    loop {
+        let step = match request.stop {
+            Stop::Samples(n) => (n - samples).min(4),
+            Stop::Time(_) => 1,
+        };
+        reference.accumulate(&mut estimates, block, step);
+        block += 1;
+        samples += step;
+        let done = match request.stop {
+            Stop::Samples(n) => samples >= n,
+            Stop::Time(limit) => start.elapsed() + start.elapsed() / samples / 2 >= limit,
+        };
+        if !progress(samples) || done {
+            break;
+        }
+    }
+    let elapsed = start.elapsed();
+    let mean = |e: &Estimate| e.mean.as_vec3();
+    let display = estimates.iter().map(|e| display_of(mean(e) * request.exposure, request.curve)).collect();
+    Ok(Rendered {
+        picture: Picture {
+            width: request.width,
+            height: request.height,
+            rgb: estimates.iter().map(|e| mean(e).to_array()).collect(),
+            alpha: None,
+        },
+        variance: estimates.iter().map(|e| DVec3::as_vec3(&e.variance_of_mean()).to_array()).collect(),
+        display,
+        samples,
+        elapsed,
+        pass_times: Vec::new(),
+        dropped: estimates.iter().map(|e| e.dropped).sum(),
+    })
+}
+
+/// Exposed radiance as 8-bit sRGB.
+fn display_of(exposed: Vec3, curve: ToneCurve) -> u32 {
+    use weir_shared::tonemap::{curve as number, pack_srgb, tone_map};
+    pack_srgb(match curve {
+        ToneCurve::Clip => tone_map::<{ number::CLIP }>(exposed),
+        ToneCurve::Reinhard => tone_map::<{ number::REINHARD }>(exposed),
+        ToneCurve::Aces => tone_map::<{ number::ACES }>(exposed),
+        ToneCurve::Agx => tone_map::<{ number::AGX }>(exposed),
+    })
+}
+
+/// Depth, normals, positions, albedo and light of each pixel's center, from one frame on the host.
+///
+/// # Errors
+/// If the size is refused.
+pub fn layers(packed: &PackedScene, request: &Request, rendered: &Rendered) -> Result<Layers, RenderError> {
+    let facts = facts_of(packed, request.width, request.height);
+    let plan = direct_light(&facts, request.curve, if packed.has().is_empty() {
+        &["surfaces"]
+    } else {
+        &["surfaces", "reservoirs"]
+    })?;
+    let mut executor = CpuExecutor::new(&plan);
+    let frame = Frame { jitter: 0, ..frame_of(packed, request) };
+    executor.run(&plan, packed.buffers(), &frame);
+    let surfaces: &[Surface] = bytemuck::cast_slice(executor.output(&plan, "surfaces").unwrap_or_default());
+    let reservoirs: &[Reservoir] = bytemuck::cast_slice(executor.output(&plan, "reservoirs").unwrap_or_default());
+    let vectors = |f: &dyn Fn(&Surface) -> Vec3| -> Option<Vec<[f32; 3]>> {
+        Some(surfaces.iter().map(|s| if s.is_sky() { [0.0; 3] } else { f(s).to_array() }).collect())
+    };
+    let relative = rendered.variance.iter().zip(&rendered.picture.rgb);
+    Ok(Layers {
+        depth: Some(
+            surfaces
+                .iter()
+                .map(|s| {
+                    let distance = (s.position() - frame.camera_origin).dot(frame.camera_forward);
+                    if s.is_sky() { f32::INFINITY } else { distance }
+                })
+                .collect(),
+        ),
+        normal_geometric: vectors(&|s| s.normal_geometric()),
+        normal_shading: vectors(&|s| s.normal_shading()),
+        position: vectors(&|s| s.position()),
+        albedo: vectors(&|s| s.diffuse() + s.specular()),
+        relative_variance: Some(
+            relative
+                .map(|(v, m)| {
+                    core::array::from_fn(|i| if m[i] > 0.0 { v[i] / (m[i] * m[i]) } else { 0.0 })
+                })
+                .collect(),
+        ),
+        variance: Some(rendered.variance.clone()),
+        samples: Some(vec![rendered.samples; surfaces.len()]),
+        light_id: (!reservoirs.is_empty()).then(|| {
+            let id = |r: &Reservoir| if r.has_sample() { r.light } else { u32::MAX };
+            reservoirs.iter().map(id).map(|id| if id & ENVIRONMENT_BIT != 0 { u32::MAX } else { id }).collect()
+        }),
+    })
+}
+
+/// Camera matrices for file headers: camera from world, and normalised device coordinates from world.
+pub fn camera_matrices(camera: &Camera, width: u32, height: u32) -> (Mat4, Mat4) {
+    let camera_from_world = Mat4::look_at_rh(camera.origin, camera.target, camera.up);
+    let aspect = width as f32 / height as f32;
+    let ndc_from_camera = Mat4::perspective_infinite_rh(camera.vfov_deg.to_radians(), aspect, 1e-3);
+    (camera_from_world, ndc_from_camera * camera_from_world)
+}
