@@ -120,8 +120,7 @@ fn uniform(rng: &mut Pcg64Mcg) -> f64 {
 impl<'a> Reference<'a> {
     /// The integrator for a packed scene seen as `frame` says. `path_length` counts the surfaces of a path.
     pub fn new(packed: &'a PackedScene, frame: Frame, path_length: u32) -> Self {
-        let scene =
-            SceneView { triangles: &packed.triangles, records: &packed.records, texels: &packed.texels };
+        let scene = SceneView { triangles: &packed.triangles, records: &packed.records, texels: &packed.texels };
         Self {
             frame,
             scene,
@@ -294,11 +293,10 @@ impl<'a> Reference<'a> {
             return DVec3::ZERO;
         }
         // 1 / (light_count * area) per area, to solid angle by d^2 / cos = d^3 |n| / |n.toward|.
-        let pdf = self.area_share() * 2.0 * distance2 * distance2.sqrt()
-            / (f64::from(frame.light_count) * facing.abs());
+        let pdf =
+            self.area_share() * 2.0 * distance2 * distance2.sqrt() / (f64::from(frame.light_count) * facing.abs());
         let normal = (doubled / doubled.length()).as_vec3();
-        let origin =
-            offset_origin(surface.position(), surface.normal_geometric(), surface.error, direction);
+        let origin = offset_origin(surface.position(), surface.normal_geometric(), surface.error, direction);
         let end = offset_origin(point, normal, vertices.error(), -direction);
         if !self.visible(&Ray { origin, direction: end - origin, t_max: 1.0 }) {
             return DVec3::ZERO;
@@ -336,4 +334,3 @@ impl<'a> Reference<'a> {
         reflected * self.sky(direction) / (pdf + f64::from(bsdf.pdf_solid_angle(direction)))
     }
 }
-

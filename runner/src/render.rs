@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use glam::{DVec3, Mat4, Vec3};
+use glam::{Mat4, Vec3, Vec4};
 use thiserror::Error;
 use weir_shared::{frame::Frame, light::ENVIRONMENT_BIT, moments::Moments, reservoir::Reservoir, surface::Surface};
 
@@ -133,9 +133,7 @@ impl Executor {
                 executor.order = *order;
                 Self::Cpu(Box::new(executor))
             }
-            Backend::Gpu(gpu) => {
-                Self::Gpu(Box::new(GpuExecutor::new(gpu, plan, scene, Loader::Auto, Module::Plain)?))
-            }
+            Backend::Gpu(gpu) => Self::Gpu(Box::new(GpuExecutor::new(gpu, plan, scene, Loader::Auto, Module::Plain)?)),
         })
     }
 
@@ -268,7 +266,7 @@ pub fn render_reference(
             rgb: estimates.iter().map(|e| mean(e).to_array()).collect(),
             alpha: None,
         },
-        variance: estimates.iter().map(|e| DVec3::as_vec3(&e.variance_of_mean()).to_array()).collect(),
+        variance: estimates.iter().map(|e| e.variance_of_mean().as_vec3().to_array()).collect(),
         display,
         samples,
         elapsed,
@@ -294,11 +292,11 @@ fn display_of(exposed: Vec3, curve: ToneCurve) -> u32 {
 /// If the size is refused.
 pub fn layers(packed: &PackedScene, request: &Request, rendered: &Rendered) -> Result<Layers, RenderError> {
     let facts = facts_of(packed, request.width, request.height);
-    let plan = direct_light(&facts, request.curve, if packed.has().is_empty() {
-        &["surfaces"]
-    } else {
-        &["surfaces", "reservoirs"]
-    })?;
+    let plan = direct_light(
+        &facts,
+        request.curve,
+        if packed.has().is_empty() { &["surfaces"] } else { &["surfaces", "reservoirs"] },
+    )?;
     let mut executor = CpuExecutor::new(&plan);
     let frame = Frame { jitter: 0, ..frame_of(packed, request) };
     executor.run(&plan, packed.buffers(), &frame);
@@ -324,9 +322,7 @@ pub fn layers(packed: &PackedScene, request: &Request, rendered: &Rendered) -> R
         albedo: vectors(&|s| s.diffuse() + s.specular()),
         relative_variance: Some(
             relative
-                .map(|(v, m)| {
-                    core::array::from_fn(|i| if m[i] > 0.0 { v[i] / (m[i] * m[i]) } else { 0.0 })
-                })
+                .map(|(v, m)| core::array::from_fn(|i| if m[i] > 0.0 { v[i] / (m[i] * m[i]) } else { 0.0 }))
                 .collect(),
         ),
         variance: Some(rendered.variance.clone()),
@@ -340,8 +336,23 @@ pub fn layers(packed: &PackedScene, request: &Request, rendered: &Rendered) -> R
 
 /// Camera matrices for file headers: camera from world, and normalised device coordinates from world.
 pub fn camera_matrices(camera: &Camera, width: u32, height: u32) -> (Mat4, Mat4) {
-    let camera_from_world = Mat4::look_at_rh(camera.origin, camera.target, camera.up);
-    let aspect = width as f32 / height as f32;
-    let ndc_from_camera = Mat4::perspective_infinite_rh(camera.vfov_deg.to_radians(), aspect, 1e-3);
+    let forward = (camera.target - camera.origin).normalize();
+    let right = forward.cross(camera.up).normalize();
+    let world_from_camera = Mat4::from_cols(
+        right.extend(0.0),
+        right.cross(forward).extend(0.0),
+        (-forward).extend(0.0),
+        camera.origin.extend(1.0),
+    );
+    let camera_from_world = world_from_camera.inverse();
+    // The far plane at infinity.
+    let scale = 1.0 / (camera.vfov_deg.to_radians() * 0.5).tan();
+    let near = 1e-3;
+    let ndc_from_camera = Mat4::from_cols(
+        Vec4::new(scale * height as f32 / width as f32, 0.0, 0.0, 0.0),
+        Vec4::new(0.0, scale, 0.0, 0.0),
+        Vec4::new(0.0, 0.0, -1.0, -1.0),
+        Vec4::new(0.0, 0.0, -near, 0.0),
+    );
     (camera_from_world, ndc_from_camera * camera_from_world)
 }

@@ -32,6 +32,20 @@ pub struct ExportReport {
     pub emissive_triangles: u64,
 }
 
+impl std::fmt::Display for ExportReport {
+    /// One line a file, then the counts.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        for file in &self.files {
+            writeln!(f, "{}", file.display())?;
+        }
+        write!(
+            f,
+            "{} triangles ({} emissive) over {} positions",
+            self.triangles, self.emissive_triangles, self.positions
+        )
+    }
+}
+
 /// Why nothing was written.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {

@@ -164,6 +164,15 @@ impl Default for Material {
     }
 }
 
+impl Scene {
+    /// Makes every surface Lambertian with its base colour, for comparisons with other renderers.
+    pub fn make_lambertian(&mut self) {
+        for material in &mut self.materials {
+            (material.specular, material.metallic, material.roughness) = (Vec3::ZERO, 0.0, 1.0);
+        }
+    }
+}
+
 /// An 8-bit image that repeats in both directions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {

@@ -1,0 +1,273 @@
+//! Commands and their options.
+
+mod check;
+mod info;
+mod open;
+mod render;
+
+use std::{fmt::Write as _, io::Write as _, path::PathBuf};
+
+use anyhow::Context;
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use weir::{
+    exit::Exit,
+    render::{Stop, facts_of},
+    scene::{builtin::BUILTIN, export},
+    settings::KNOBS,
+    technique::{ToneCurve, direct_light},
+};
+
+/// Real-time rendering of scenes with one to millions of lights, by reservoir resampling.
+///
+/// Without a command, draws the default scene to weir.png.
+#[derive(Debug, Parser)]
+#[command(version, after_long_help = knobs())]
+pub struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Draw a picture: .png (tone-mapped) or .exr (linear, with layers)
+    #[command(after_long_help = knobs())]
+    Render(RenderArguments),
+    /// Compare every pass on the GPU with the same pass on the CPU; exit code 1 on a difference
+    Check(CheckArguments),
+    /// Print the schedule of a frame: what runs, on which memory, what is left out and why
+    Graph(GraphArguments),
+    /// List the built-in scenes
+    Scenes,
+    /// List adapters, their limits, and versions
+    Info,
+    /// Write a scene as OBJ + MTL + camera JSON, for other renderers
+    Export(ExportArguments),
+}
+
+/// Which scene, and how to read it.
+#[derive(Debug, Args)]
+struct SceneArguments {
+    /// An .obj file with its .mtl, or the name of a built-in scene (see `weir scenes`)
+    scene: String,
+    /// Camera file: JSON with origin, target, up, vfov_deg
+    #[arg(long, value_name = "FILE")]
+    camera: Option<PathBuf>,
+    /// Every surface Lambertian with Kd
+    #[arg(long)]
+    lambert: bool,
+    /// Geometric normals only
+    #[arg(long)]
+    flat: bool,
+    /// Environment map, .hdr or .exr, equirectangular
+    #[arg(long, value_name = "FILE")]
+    environment: Option<PathBuf>,
+    /// Turn of the environment about the vertical, in degrees
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, allow_negative_numbers = true)]
+    environment_rotation: f32,
+    /// Factor on the environment's radiance
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    environment_scale: f32,
+    /// Another folder whose files the scene may use
+    #[arg(long, value_name = "DIR")]
+    asset_root: Option<PathBuf>,
+    /// Largest file accepted, in bytes
+    #[arg(long, value_name = "BYTES", default_value_t = 4 << 30)]
+    max_size: u64,
+    /// Textures together are reduced to this many bytes
+    #[arg(long, value_name = "BYTES", default_value_t = 120 << 20)]
+    texture_budget: u64,
+    /// Set a knob; `weir render --help` lists them
+    #[arg(long = "set", value_name = "KEY=VALUE")]
+    set: Vec<String>,
+}
+
+/// Where to compute.
+#[derive(Debug, Args)]
+struct BackendArguments {
+    /// Where to compute; auto takes the GPU if one answers, else the CPU, and says so
+    #[arg(long, value_enum, default_value_t = BackendChoice::Auto)]
+    backend: BackendChoice,
+    /// GPU by a part of its name, or its number in `weir info`
+    #[arg(long, value_name = "NAME|NUMBER")]
+    adapter: Option<String>,
+    /// Threads on the CPU; 0 takes as many as there are cores
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    threads: usize,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum BackendChoice {
+    Auto,
+    Gpu,
+    Cpu,
+}
+
+/// An image size, as in 1280x720.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Size {
+    width: u32,
+    height: u32,
+}
+
+impl std::str::FromStr for Size {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parsed = text.split_once(['x', 'X']).and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+        match parsed {
+            Some((width @ 1..=16_384, height @ 1..=16_384)) => Ok(Self { width, height }),
+            _ => Err(String::from("a size is WIDTHxHEIGHT with both from 1 to 16384, such as 1280x720")),
+        }
+    }
+}
+
+#[derive(Debug, Args)]
+struct RenderArguments {
+    #[command(flatten)]
+    scene: SceneArguments,
+    #[command(flatten)]
+    backend: BackendArguments,
+    /// Output: .png (tone-mapped sRGB) or .exr (linear, with layers); - writes a PNG to stdout
+    #[arg(short, long, value_name = "FILE", default_value = "weir.png")]
+    output: PathBuf,
+    /// Size of the picture
+    #[arg(long, value_name = "WxH", default_value = "1280x720")]
+    size: Size,
+    /// Samples of each pixel
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16_777_216), conflicts_with = "time")]
+    spp: Option<u32>,
+    /// Render for this long instead
+    #[arg(long, value_name = "SECONDS")]
+    time: Option<f64>,
+    /// Seed of all random numbers
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u32,
+    /// How light is computed
+    #[arg(long, value_enum, default_value_t = Integrator::Ris)]
+    integrator: Integrator,
+    /// Tone curve of PNG files
+    #[arg(long, value_enum, default_value_t = ToneCurve::Agx)]
+    tone: ToneCurve,
+    /// Factor on radiance before the tone curve
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    exposure: f32,
+    /// Print the time of each pass
+    #[arg(long)]
+    stats: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Integrator {
+    /// The passes: resampled candidates, one shadow ray
+    Ris,
+    /// A plain path tracer on the CPU, apart from the passes
+    Reference,
+}
+
+#[derive(Debug, Args)]
+struct CheckArguments {
+    #[command(flatten)]
+    scene: SceneArguments,
+    /// GPU by a part of its name, or its number in `weir info`
+    #[arg(long, value_name = "NAME|NUMBER")]
+    adapter: Option<String>,
+    /// The module without reassociation or contraction: every value must be equal
+    #[arg(long)]
+    strict: bool,
+    /// Size of the frames
+    #[arg(long, value_name = "WxH", default_value = "320x180")]
+    size: Size,
+    /// Frames to compare
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    frames: u32,
+    /// Seed of all random numbers
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u32,
+}
+
+#[derive(Debug, Args)]
+struct GraphArguments {
+    #[command(flatten)]
+    scene: SceneArguments,
+    /// Size of the frame
+    #[arg(long, value_name = "WxH", default_value = "1280x720")]
+    size: Size,
+    /// In the DOT language of Graphviz
+    #[arg(long)]
+    dot: bool,
+}
+
+#[derive(Debug, Args)]
+struct ExportArguments {
+    #[command(flatten)]
+    scene: SceneArguments,
+    /// Folder to write to
+    dir: PathBuf,
+}
+
+/// The knobs, for `--help`.
+fn knobs() -> String {
+    let mut text = String::from("Knobs for --set:\n");
+    for knob in KNOBS {
+        let _ = write!(text, "  {} = {}\n      {}\n", knob.key, knob.values, knob.help);
+    }
+    text
+}
+
+/// Writes a result to stdout.
+fn print(text: &str) -> anyhow::Result<()> {
+    let mut out = std::io::stdout().lock();
+    out.write_all(text.as_bytes()).and_then(|()| out.flush()).context("could not write to stdout")
+}
+
+/// Runs the command.
+pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
+    match &arguments.command {
+        None => render::default_scene(),
+        Some(Command::Render(arguments)) => render::run(arguments),
+        Some(Command::Check(arguments)) => check::run(arguments),
+        Some(Command::Graph(arguments)) => {
+            let opened = open::open(&arguments.scene)?;
+            let facts = facts_of(&opened.packed, arguments.size.width, arguments.size.height);
+            let plan = direct_light(&facts, ToneCurve::default(), &["moments", "display"])?;
+            print(&if arguments.dot { plan.to_dot() } else { format!("{plan}\n") })?;
+            Ok(Exit::Ok)
+        }
+        Some(Command::Scenes) => {
+            print(&BUILTIN.iter().fold(String::new(), |mut text, scene| {
+                let _ = writeln!(text, "{:<10} {}", scene.name, scene.description);
+                text
+            }))?;
+            Ok(Exit::Ok)
+        }
+        Some(Command::Info) => {
+            print(&info::text())?;
+            Ok(Exit::Ok)
+        }
+        Some(Command::Export(arguments)) => {
+            let (scene, _) = open::read(&arguments.scene)?;
+            let report = export::export(&scene, &arguments.dir)?;
+            print(&format!("{report}\n"))?;
+            Ok(Exit::Ok)
+        }
+    }
+}
+
+/// When to stop: samples, or time.
+fn stop_of(spp: Option<u32>, time: Option<f64>) -> anyhow::Result<Stop> {
+    match (spp, time) {
+        (_, Some(seconds)) if seconds > 0.0 && seconds <= 1e7 => {
+            Ok(Stop::Time(std::time::Duration::from_secs_f64(seconds)))
+        }
+        (_, Some(seconds)) => {
+            Err(Usage(format!("--time takes a number of seconds above 0 and up to 10 million, not {seconds}")).into())
+        }
+        (Some(n), None) => Ok(Stop::Samples(n)),
+        (None, None) => Ok(Stop::Samples(64)),
+    }
+}
+
+/// A request that cannot be followed as it stands.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct Usage(pub String);

@@ -1,0 +1,194 @@
+//! `weir render`, and `weir` alone.
+
+use std::{
+    io::IsTerminal,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+use clap::Parser;
+use indicatif::{ProgressBar, ProgressStyle};
+use weir::{
+    executor::{
+        cpu::Order,
+        gpu::{AdapterChoice, Gpu},
+    },
+    exit::Exit,
+    output::{Destination, Layers, exr, png},
+    render::{Backend, Rendered, Request, Stop, camera_matrices, layers, render, render_reference},
+};
+
+use super::{Arguments, BackendArguments, BackendChoice, Command, Integrator, RenderArguments, Usage, open, stop_of};
+
+/// The default scene to weir.png.
+pub fn default_scene() -> anyhow::Result<Exit> {
+    let arguments = Arguments::parse_from(["weir", "render", "rooms", "-o", "weir.png", "--spp", "32"]);
+    match &arguments.command {
+        Some(Command::Render(arguments)) => run(arguments),
+        _ => unreachable!("the words above are a render command"),
+    }
+}
+
+enum Format {
+    Png,
+    Exr,
+}
+
+fn format_of(output: &Path) -> Result<Format, Usage> {
+    let extension = output.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+    match extension.as_deref() {
+        Some("png") => Ok(Format::Png),
+        Some("exr") => Ok(Format::Exr),
+        _ if output == Path::new("-") || output.starts_with("/dev") => Ok(Format::Png),
+        _ => Err(Usage(format!("pictures are .png or .exr, not {}", output.display()))),
+    }
+}
+
+/// The GPU to use, or none; says which and why on stderr.
+fn choose_gpu(arguments: &BackendArguments) -> anyhow::Result<Option<Gpu>> {
+    let choice: AdapterChoice = match &arguments.adapter {
+        Some(text) => text.parse()?,
+        None => AdapterChoice::Best,
+    };
+    match arguments.backend {
+        BackendChoice::Cpu => Ok(None),
+        BackendChoice::Gpu => Ok(Some(Gpu::open(&choice)?)),
+        BackendChoice::Auto => match Gpu::open(&choice) {
+            Ok(gpu) => Ok(Some(gpu)),
+            Err(error) if arguments.adapter.is_none() => {
+                tracing::warn!("{error}; rendering on the CPU");
+                Ok(None)
+            }
+            Err(error) => Err(error.into()),
+        },
+    }
+}
+
+/// Runs `weir render`.
+pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
+    let format = format_of(&arguments.output)?;
+    let destination = Destination::from(arguments.output.clone());
+    let stop = stop_of(arguments.spp, arguments.time)?;
+    if !(arguments.exposure > 0.0 && arguments.exposure.is_finite()) {
+        return Err(Usage(format!("--exposure takes a number above 0, not {}", arguments.exposure)).into());
+    }
+    if arguments.backend.threads > 0 {
+        rayon::ThreadPoolBuilder::new().num_threads(arguments.backend.threads.min(1024)).build_global()?;
+    }
+    let opened = open::open(&arguments.scene)?;
+    let request = Request {
+        width: arguments.size.width,
+        height: arguments.size.height,
+        camera: opened.camera,
+        seed: arguments.seed,
+        stop,
+        curve: arguments.tone,
+        exposure: arguments.exposure,
+        settings: opened.settings.clone(),
+    };
+    let bar = progress_bar(stop);
+    let tell = |samples: u32| {
+        match stop {
+            Stop::Samples(_) => bar.set_position(u64::from(samples)),
+            Stop::Time(_) => bar.set_position(bar.elapsed().as_millis() as u64),
+        }
+        true
+    };
+    let gpu = if arguments.integrator == Integrator::Reference { None } else { choose_gpu(&arguments.backend)? };
+    let adapter = gpu.as_ref().map_or_else(|| String::from("CPU"), |gpu| gpu.facts.name.clone());
+    let rendered = match (&gpu, arguments.integrator) {
+        (_, Integrator::Reference) => render_reference(&opened.packed, &request, tell)?,
+        (None, _) => render(&opened.packed, &request, &Backend::Cpu(Order::default()), tell)?,
+        (Some(gpu), _) => match (render(&opened.packed, &request, &Backend::Gpu(gpu), tell), arguments.backend.backend)
+        {
+            (Err(weir::render::RenderError::Gpu(error)), BackendChoice::Auto) => {
+                tracing::warn!("{error}; rendering on the CPU");
+                render(&opened.packed, &request, &Backend::Cpu(Order::default()), tell)?
+            }
+            (result, _) => result?,
+        },
+    };
+    bar.finish_and_clear();
+    if rendered.dropped > 0 {
+        tracing::warn!("{} samples were not finite and count as black", rendered.dropped);
+    }
+    match format {
+        Format::Png => png::write(&destination, request.width, request.height, &rendered.display)?,
+        Format::Exr => {
+            let layers = layers(&opened.packed, &request, &rendered)?;
+            write_exr(&destination, arguments, &request, &rendered, &layers, adapter.clone())?;
+        }
+    }
+    if arguments.stats {
+        print_passes(&rendered);
+    }
+    let samples = u64::from(rendered.samples) * u64::from(request.width) * u64::from(request.height);
+    tracing::info!(
+        "{} samples a pixel in {:.2} s on {adapter} ({:.2} million samples a second)",
+        rendered.samples,
+        rendered.elapsed.as_secs_f64(),
+        samples as f64 / rendered.elapsed.as_secs_f64() / 1e6
+    );
+    if arguments.output != Path::new("-") {
+        super::print(&format!("{}\n", shown(&arguments.output).display()))?;
+    }
+    Ok(Exit::Ok)
+}
+
+/// The path of a result as a person can find it.
+fn shown(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
+}
+
+fn progress_bar(stop: Stop) -> ProgressBar {
+    if !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let (length, template) = match stop {
+        Stop::Samples(n) => (u64::from(n), "{bar:40} {pos}/{len} samples a pixel, {eta} left"),
+        Stop::Time(limit) => (limit.as_millis() as u64, "{bar:40} {eta} left"),
+    };
+    let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    ProgressBar::new(length).with_style(style)
+}
+
+fn print_passes(rendered: &Rendered) {
+    let total: Duration = rendered.pass_times.iter().map(|(_, t)| *t).sum();
+    for (pass, time) in &rendered.pass_times {
+        eprintln!("{pass:<20} {:>9.3} ms", time.as_secs_f64() * 1e3);
+    }
+    eprintln!("{:<20} {:>9.3} ms (last frame)", "all passes", total.as_secs_f64() * 1e3);
+}
+
+fn write_exr(
+    destination: &Destination,
+    arguments: &RenderArguments,
+    request: &Request,
+    rendered: &Rendered,
+    layers: &Layers,
+    adapter: String,
+) -> anyhow::Result<()> {
+    let (camera_from_world, ndc_from_world) = camera_matrices(&request.camera, request.width, request.height);
+    let settings = serde_json::json!({
+        "scene": arguments.scene.scene,
+        "integrator": format!("{:?}", arguments.integrator).to_lowercase(),
+        "lambert": arguments.scene.lambert,
+        "flat": arguments.scene.flat,
+        "candidates.count": request.settings.candidates,
+        "candidates.source": if request.settings.pick_by_power { "power" } else { "uniform" },
+        "path.length": request.settings.path_length,
+        "scene.time": request.settings.time_s,
+    });
+    let metadata = exr::Metadata {
+        render_time_s: Some(rendered.elapsed.as_secs_f32()),
+        samples_per_pixel: Some(rendered.samples),
+        camera_from_world: Some(camera_from_world),
+        ndc_from_world: Some(ndc_from_world),
+        settings: Some(settings.to_string()),
+        seed: Some(u64::from(request.seed)),
+        adapter: Some(adapter),
+        ..exr::Metadata::default()
+    };
+    exr::write(destination, &rendered.picture, layers, &metadata)?;
+    Ok(())
+}
