@@ -42,3 +42,6 @@ pub const BUILTIN: &[Builtin] = &[
 pub fn find(name: &str) -> Option<&'static Builtin> {
     BUILTIN.iter().find(|builtin| builtin.name == name)
 }
+
+#[cfg(test)]
+mod tests;

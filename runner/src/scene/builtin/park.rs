@@ -3,6 +3,7 @@
 mod coaster;
 mod grounds;
 mod rides;
+mod wheel;
 
 use glam::{Mat4, Vec2, Vec3, vec2, vec3};
 
@@ -25,17 +26,17 @@ const STALL_OFFSET: f32 = 7.5;
 
 /// Colours of bulbs.
 const COLORS: [(&str, [f32; 3]); 8] = [
-    ("white", [1.0, 0.74, 0.44]),
-    ("gold", [1.0, 0.50, 0.12]),
-    ("red", [1.0, 0.05, 0.03]),
-    ("orange", [1.0, 0.22, 0.02]),
-    ("green", [0.06, 0.90, 0.14]),
-    ("cyan", [0.04, 0.70, 0.90]),
-    ("blue", [0.06, 0.14, 1.0]),
-    ("magenta", [1.0, 0.07, 0.60]),
+    ("white", [1.0, 0.66, 0.32]),
+    ("gold", [1.0, 0.40, 0.06]),
+    ("red", [1.0, 0.020, 0.012]),
+    ("orange", [1.0, 0.14, 0.012]),
+    ("green", [0.030, 0.80, 0.05]),
+    ("cyan", [0.015, 0.55, 0.80]),
+    ("blue", [0.025, 0.06, 1.0]),
+    ("magenta", [1.0, 0.025, 0.42]),
 ];
 /// Radiance of a bulb whose colour has a channel of 1.
-const BULB_RADIANCE: f32 = 60.0;
+const BULB_RADIANCE: f32 = 36.0;
 
 /// A bulb material for each of [`COLORS`].
 #[derive(Clone, Copy)]

@@ -95,7 +95,9 @@ fn positions_read_back_bit_by_bit() {
         glam::Quat::from_rotation_x(0.4),
         vec3(1e-7, 1e6, 1.0 / 3.0),
     )));
-    assert_reads_back(&(builtin::find("cornell").expect("a built-in scene").build)());
+    for name in ["cornell", "rooms"] {
+        assert_reads_back(&(builtin::find(name).expect("a built-in scene").build)());
+    }
 }
 
 #[test]

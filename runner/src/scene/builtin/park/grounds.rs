@@ -35,7 +35,7 @@ impl Grounds {
                 .map(|color| scene.matte("coloured canvas", color));
         let toys = [[0.7, 0.1, 0.1], [0.8, 0.6, 0.1], [0.1, 0.4, 0.7], [0.2, 0.6, 0.2], [0.8, 0.3, 0.5]]
             .map(|color| scene.glossy("toy", color, 0.25));
-        let ceiling_lamp = scene.lamp("stall lamp", [1.0, 0.68, 0.38], 4.0);
+        let ceiling_lamp = scene.lamp("stall lamp", [1.0, 0.68, 0.38], 12.0);
         let globe = scene.lamp("street lamp", [1.0, 0.66, 0.34], 14.0);
         let bark = scene.matte("bark", [0.16, 0.11, 0.07]);
         let foliage = scene.matte("foliage", [0.06, 0.13, 0.04]);

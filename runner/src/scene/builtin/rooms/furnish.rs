@@ -182,7 +182,7 @@ impl Decorator<'_> {
                 self.put(kit.desk, bench, Vec3::ZERO, 0.0);
                 for place in [-0.5, 0.0, 0.5] {
                     if self.rng.chance(0.75) {
-                        let tank = self.rng.pick(&kit.tanks[RED..]);
+                        let tank = self.rng.pick(&kit.tanks);
                         self.put(tank, bench, vec3(place, 0.738, -0.1), 0.0);
                     }
                 }

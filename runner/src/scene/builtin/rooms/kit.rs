@@ -34,7 +34,8 @@ pub(super) struct Kit {
     pub(super) tubes: [u32; TINTS.len()],
     pub(super) pendants: [u32; TINTS.len()],
     pub(super) panels: [u32; TINTS.len()],
-    pub(super) tanks: [u32; TINTS.len()],
+    /// Without the whites.
+    pub(super) tanks: [u32; 6],
     pub(super) desk_lamps: [u32; 3],
     pub(super) floor_lamps: [u32; 3],
     pub(super) screens: [u32; 3],
@@ -77,10 +78,10 @@ impl Kit {
             tubes: bright.map(|light| scene.mesh("tube light", |m| tube_light(m, steel, light))),
             pendants: bright.map(|light| scene.mesh("pendant light", |m| pendant_light(m, black, light))),
             panels: soft.map(|light| scene.mesh("panel light", |m| panel_light(m, steel, light))),
-            tanks: soft.map(|light| {
+            tanks: [RED, AMBER, GREEN, TEAL, BLUE, MAGENTA].map(|tint| {
                 scene.mesh("tank", |m| {
                     m.tube(vec3(0.0, 0.0, 0.0), vec3(0.0, 0.12, 0.0), 0.16, 20, black);
-                    m.frustum((vec3(0.0, 0.11, 0.0), 0.13), (vec3(0.0, 0.7, 0.0), 0.13), 20, 5, light);
+                    m.frustum((vec3(0.0, 0.11, 0.0), 0.13), (vec3(0.0, 0.7, 0.0), 0.13), 20, 5, soft[tint]);
                     m.tube(vec3(0.0, 0.69, 0.0), vec3(0.0, 0.78, 0.0), 0.16, 20, black);
                 })
             }),
