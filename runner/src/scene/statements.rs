@@ -41,6 +41,9 @@ const NOT_TRIANGLES: [&[u8]; 18] = [
     b"trim", b"hole", b"scrv", b"sp", b"con", b"ctech", b"end",
 ];
 
+/// Material libraries beyond this many are not opened.
+pub const MAX_LIBRARIES: usize = 256;
+
 /// Unknown keywords beyond this many are not named one by one.
 const MAX_UNKNOWN: usize = 8;
 
@@ -93,6 +96,7 @@ pub struct Statements {
     normals_not_finite: Tally,
     not_triangles: Tally,
     too_few_corners: Tally,
+    too_many_libraries: Tally,
 }
 
 impl Statements {
@@ -120,6 +124,7 @@ impl Statements {
             normals_not_finite: Tally::default(),
             not_triangles: Tally::default(),
             too_few_corners: Tally::default(),
+            too_many_libraries: Tally::default(),
         }
     }
 
@@ -144,7 +149,7 @@ impl Statements {
                 Ok(())
             }
             b"mtllib" => {
-                self.material_libraries.push((decode(rest), number));
+                self.use_library(number, decode(rest));
                 Ok(())
             }
             _ => {
@@ -177,6 +182,10 @@ impl Statements {
             (
                 self.too_few_corners,
                 "faces with fewer than three corners were dropped",
+            ),
+            (
+                self.too_many_libraries,
+                "material libraries beyond the 256th are not opened",
             ),
         ];
         tallies.sort_by_key(|(tally, _)| tally.first_line);
@@ -371,6 +380,20 @@ impl Statements {
         let help =
             "indices count from 1, or back from -1, and what they refer to comes before the face";
         Err(SceneError::bad_data(self.place(line), what, help))
+    }
+
+    fn use_library(&mut self, line: u64, names: String) {
+        if self
+            .material_libraries
+            .iter()
+            .any(|(known, _)| *known == names)
+        {
+            return;
+        }
+        match self.material_libraries.len() {
+            MAX_LIBRARIES.. => self.too_many_libraries.add(line),
+            _ => self.material_libraries.push((names, line)),
+        }
     }
 
     fn use_material(&mut self, line: u64, rest: &[u8], out: &mut Vec<u8>) {
