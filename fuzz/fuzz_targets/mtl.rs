@@ -6,8 +6,7 @@ use libfuzzer_sys::fuzz_target;
 use weir::scene::load::{LoadOptions, load_from};
 use weir::scene::source::Memory;
 
-const OBJ: &[u8] =
-    b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\nusemtl other\nf 3 2 1\n";
+const OBJ: &[u8] = b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\nusemtl other\nf 3 2 1\n";
 
 fuzz_target!(|mtl: &[u8]| {
     let source = Memory::from_iter([("a.obj", OBJ), ("a.mtl", mtl)]);

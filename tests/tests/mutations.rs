@@ -80,12 +80,7 @@ enum Kind {
 
 fn seeds() -> Vec<(Kind, Vec<u8>)> {
     let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus");
-    let mut paths: Vec<_> = corpus
-        .read_dir()
-        .expect("a folder")
-        .flatten()
-        .map(|entry| entry.path())
-        .collect();
+    let mut paths: Vec<_> = corpus.read_dir().expect("a folder").flatten().map(|entry| entry.path()).collect();
     paths.sort();
     let mut seeds = Vec::new();
     for path in paths {
@@ -102,42 +97,24 @@ fn seeds() -> Vec<(Kind, Vec<u8>)> {
         image.write_to(&mut file, format).expect("memory");
         file.into_inner()
     };
-    let picture = DynamicImage::from(ImageBuffer::from_fn(24, 16, |x, y| {
-        Rgb([x as u8 * 9, y as u8 * 15, 40_u8])
-    }));
+    let picture = DynamicImage::from(ImageBuffer::from_fn(24, 16, |x, y| Rgb([x as u8 * 9, y as u8 * 15, 40_u8])));
     seeds.push((Kind::Texture, encoded(picture.clone(), ImageFormat::Png)));
     seeds.push((Kind::Texture, encoded(picture.clone(), ImageFormat::Jpeg)));
-    seeds.push((
-        Kind::Texture,
-        encoded(picture.to_rgba16().into(), ImageFormat::Png),
-    ));
-    seeds.push((
-        Kind::Environment,
-        encoded(picture.to_rgb32f().into(), ImageFormat::Hdr),
-    ));
+    seeds.push((Kind::Texture, encoded(picture.to_rgba16().into(), ImageFormat::Png)));
+    seeds.push((Kind::Environment, encoded(picture.to_rgb32f().into(), ImageFormat::Hdr)));
     use exr::image::{Encoding, Image, Layer, SpecificChannels};
     use exr::prelude::LayerAttributes;
-    for encoding in [
-        Encoding::FAST_LOSSLESS,
-        Encoding::SMALL_LOSSLESS,
-        Encoding::SMALL_FAST_LOSSLESS,
-        Encoding::UNCOMPRESSED,
-    ] {
+    for encoding in
+        [Encoding::FAST_LOSSLESS, Encoding::SMALL_LOSSLESS, Encoding::SMALL_FAST_LOSSLESS, Encoding::UNCOMPRESSED]
+    {
         let pixel = |at: exr::math::Vec2<usize>| (at.x() as f32, at.y() as f32, 0.5_f32);
-        let layer = Layer::new(
-            (24, 16),
-            LayerAttributes::default(),
-            encoding,
-            SpecificChannels::rgb(pixel),
-        );
+        let layer = Layer::new((24, 16), LayerAttributes::default(), encoding, SpecificChannels::rgb(pixel));
         let mut file = Cursor::new(Vec::new());
-        Image::from_layer(layer)
-            .write()
-            .to_buffered(&mut file)
-            .expect("memory");
+        Image::from_layer(layer).write().to_buffered(&mut file).expect("memory");
         seeds.push((Kind::Environment, file.into_inner()));
     }
-    let camera = br#"{"camera": {"origin": [1, 2, 3], "target": [0, 0, 0], "up": [0, 1, 0], "vfov_deg": 40, "width": 7}}"#;
+    let camera =
+        br#"{"camera": {"origin": [1, 2, 3], "target": [0, 0, 0], "up": [0, 1, 0], "vfov_deg": 40, "width": 7}}"#;
     seeds.push((Kind::Camera, camera.to_vec()));
     seeds
 }
@@ -184,8 +161,7 @@ fn mutate(file: &mut Vec<u8>, other: &[u8], rng: &mut Rng) {
 
 /// Reads `file` as what it is; `Err` with what a reader may never say.
 fn read(kind: Kind, file: &[u8]) -> Result<(), String> {
-    const OBJ: &[u8] =
-        b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\nusemtl n\nf 3 2 1\n";
+    const OBJ: &[u8] = b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl m\nf 1 2 3\nusemtl n\nf 3 2 1\n";
     const MTL: &[u8] = b"newmtl m\nmap_Kd t.png\nmap_d t.png\nnewmtl n\nKd 1\n";
     let (obj, mtl) = match kind {
         Kind::Obj => (file, MTL),
@@ -213,12 +189,8 @@ static PANICS: Mutex<Vec<String>> = Mutex::new(Vec::new());
 
 #[test]
 fn damaged_files_are_read_or_refused_in_good_order() {
-    std::panic::set_hook(Box::new(|info| {
-        PANICS.lock().expect("not poisoned").push(info.to_string())
-    }));
-    let seconds = std::env::var("WEIR_FUZZ_SECONDS")
-        .ok()
-        .and_then(|seconds| seconds.parse().ok());
+    std::panic::set_hook(Box::new(|info| PANICS.lock().expect("not poisoned").push(info.to_string())));
+    let seconds = std::env::var("WEIR_FUZZ_SECONDS").ok().and_then(|seconds| seconds.parse().ok());
     let time_limit = seconds.map(Duration::from_secs);
     let seeds = seeds();
     let start = Instant::now();
@@ -230,8 +202,7 @@ fn damaged_files_are_read_or_refused_in_good_order() {
         let (kind, mut file) = seeds[rng.below(seeds.len())].clone();
         let (_, other) = &seeds[rng.below(seeds.len())];
         mutate(&mut file, other, &mut rng);
-        let (result, bytes) =
-            peak::measure(|| catch_unwind(AssertUnwindSafe(|| read(kind, &file))));
+        let (result, bytes) = peak::measure(|| catch_unwind(AssertUnwindSafe(|| read(kind, &file))));
         most_bytes = most_bytes.max(bytes);
         cases += 1;
         let mut problems: Vec<String> = std::mem::take(&mut PANICS.lock().expect("not poisoned"));
@@ -242,17 +213,10 @@ fn damaged_files_are_read_or_refused_in_good_order() {
         if !problems.is_empty() {
             let path = std::env::temp_dir().join(format!("weir-mutation-{cases}"));
             std::fs::write(&path, &file).expect("writable");
-            failures.push(format!(
-                "{kind:?}, {}: {}",
-                path.display(),
-                problems.join("; ")
-            ));
+            failures.push(format!("{kind:?}, {}: {}", path.display(), problems.join("; ")));
         }
     }
     _ = std::panic::take_hook();
-    println!(
-        "{cases} cases in {:?}, at most {most_bytes} bytes",
-        start.elapsed()
-    );
+    println!("{cases} cases in {:?}, at most {most_bytes} bytes", start.elapsed());
     assert!(failures.is_empty(), "{failures:#?}");
 }

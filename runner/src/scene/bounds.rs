@@ -16,18 +16,10 @@ pub struct Bounds {
 impl Bounds {
     /// The box around some points; `None` around none.
     pub fn of(points: impl IntoIterator<Item = Vec3>) -> Option<Self> {
-        points
-            .into_iter()
-            .fold(None, |bounds: Option<Self>, point| {
-                let Self { min, max } = bounds.unwrap_or(Self {
-                    min: point,
-                    max: point,
-                });
-                Some(Self {
-                    min: min.min(point),
-                    max: max.max(point),
-                })
-            })
+        points.into_iter().fold(None, |bounds: Option<Self>, point| {
+            let Self { min, max } = bounds.unwrap_or(Self { min: point, max: point });
+            Some(Self { min: min.min(point), max: max.max(point) })
+        })
     }
 
     /// The point in its middle.
@@ -65,18 +57,11 @@ impl Scene {
     ///
     /// Turned instances make it larger than need be: it goes by the boxes of their meshes.
     pub fn bounds(&self) -> Option<Bounds> {
-        let meshes: Vec<_> = self
-            .meshes
-            .iter()
-            .map(|mesh| Bounds::of(mesh.positions.iter().copied()))
-            .collect();
+        let meshes: Vec<_> = self.meshes.iter().map(|mesh| Bounds::of(mesh.positions.iter().copied())).collect();
         let corners = self.instances.iter().filter_map(|instance| {
             let mesh = meshes.get(instance.mesh as usize).copied().flatten()?;
             let world_from_object = instance.world_from_object_at(0.0);
-            Some(
-                mesh.corners()
-                    .map(|corner| world_from_object.transform_point3(corner)),
-            )
+            Some(mesh.corners().map(|corner| world_from_object.transform_point3(corner)))
         });
         Bounds::of(corners.flatten())
     }
@@ -93,20 +78,8 @@ impl Scene {
     }
 
     fn count_triangles(&self, counts: impl Fn(u32) -> bool) -> u64 {
-        let count = |materials: &Vec<u32>| {
-            materials
-                .iter()
-                .filter(|&&material| counts(material))
-                .count() as u64
-        };
-        let in_mesh: Vec<_> = self
-            .meshes
-            .iter()
-            .map(|mesh| count(&mesh.materials))
-            .collect();
-        self.instances
-            .iter()
-            .map(|instance| in_mesh.get(instance.mesh as usize).copied().unwrap_or(0))
-            .sum()
+        let count = |materials: &Vec<u32>| materials.iter().filter(|&&material| counts(material)).count() as u64;
+        let in_mesh: Vec<_> = self.meshes.iter().map(|mesh| count(&mesh.materials)).collect();
+        self.instances.iter().map(|instance| in_mesh.get(instance.mesh as usize).copied().unwrap_or(0)).sum()
     }
 }

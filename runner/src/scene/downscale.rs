@@ -11,11 +11,8 @@ pub fn plan(sizes: &[(u32, u32)], budget_bytes: u64) -> Vec<u32> {
     let texels = |(width, height): (u32, u32)| u64::from(width) * u64::from(height);
     let mut halvings = vec![0; sizes.len()];
     let mut total: u64 = sizes.iter().map(|&size| texels(size)).sum();
-    let mut largest_first: BinaryHeap<_> = sizes
-        .iter()
-        .enumerate()
-        .map(|(index, &size)| (texels(size), index, size))
-        .collect();
+    let mut largest_first: BinaryHeap<_> =
+        sizes.iter().enumerate().map(|(index, &size)| (texels(size), index, size)).collect();
     while total > budget_bytes / 4 {
         let Some((count, index, size)) = largest_first.pop() else {
             break;
@@ -40,16 +37,8 @@ pub fn halved((width, height): (u32, u32)) -> (u32, u32) {
 pub fn halve(texture: &mut Texture) {
     let (width, height) = halved((texture.width, texture.height));
     let (step_x, step_y) = (texture.width.min(2), texture.height.min(2));
-    let decode = if texture.srgb {
-        &TABLES.linear_from_srgb
-    } else {
-        &TABLES.linear_from_linear
-    };
-    let encode = if texture.srgb {
-        &TABLES.srgb_from_linear
-    } else {
-        &TABLES.eight_bits_from_linear
-    };
+    let decode = if texture.srgb { &TABLES.linear_from_srgb } else { &TABLES.linear_from_linear };
+    let encode = if texture.srgb { &TABLES.srgb_from_linear } else { &TABLES.eight_bits_from_linear };
     let scale = 1.0 / (step_x * step_y) as f32;
     let mut texels = Vec::with_capacity(width as usize * height as usize);
     for y in 0..height {
@@ -57,8 +46,7 @@ pub fn halve(texture: &mut Texture) {
             let mut sum = [0.0; 4];
             for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
                 if dx < step_x && dy < step_y {
-                    let index = (y * step_y + dy) as usize * texture.width as usize
-                        + (x * step_x + dx) as usize;
+                    let index = (y * step_y + dy) as usize * texture.width as usize + (x * step_x + dx) as usize;
                     let [red, green, blue, alpha] = texture.texels[index].to_le_bytes();
                     let color = [red, green, blue].map(|channel| decode[usize::from(channel)]);
                     (0..3).for_each(|channel| sum[channel] += color[channel]);
@@ -88,18 +76,10 @@ struct Tables {
 static TABLES: LazyLock<Tables> = LazyLock::new(|| {
     let level = |index: usize| index as f64 / 255.0;
     let decode = |x: f64| {
-        if x <= 0.04045 {
-            x / 12.92
-        } else {
-            ((x + 0.055) / 1.055).powf(2.4)
-        }
+        if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
     };
     let encode = |x: f64| {
-        if x <= 0.003_130_8 {
-            x * 12.92
-        } else {
-            1.055 * x.powf(1.0 / 2.4) - 0.055
-        }
+        if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 }
     };
     let steps = || (0..=STEPS).map(|step| step as f64 / STEPS as f64);
     Tables {
@@ -115,13 +95,7 @@ mod tests {
     use super::*;
 
     fn texture(width: u32, height: u32, srgb: bool, texels: Vec<u32>) -> Texture {
-        Texture {
-            name: "t".into(),
-            width,
-            height,
-            srgb,
-            texels,
-        }
+        Texture { name: "t".into(), width, height, srgb, texels }
     }
 
     #[test]
@@ -140,11 +114,7 @@ mod tests {
                 let texel = u32::from_le_bytes([level, level, 255 - level, level]);
                 let mut texture = texture(4, 2, srgb, vec![texel; 8]);
                 halve(&mut texture);
-                assert_eq!(
-                    (texture.width, texture.height, texture.texels),
-                    (2, 1, vec![texel; 2]),
-                    "srgb {srgb}"
-                );
+                assert_eq!((texture.width, texture.height, texture.texels), (2, 1, vec![texel; 2]), "srgb {srgb}");
             }
         }
     }
@@ -164,9 +134,6 @@ mod tests {
     fn odd_sizes_are_rounded_down() {
         let mut texture = texture(3, 3, false, (0..9).collect());
         halve(&mut texture);
-        assert_eq!(
-            (texture.width, texture.height, texture.texels.len()),
-            (1, 1, 1)
-        );
+        assert_eq!((texture.width, texture.height, texture.texels.len()), (1, 1, 1));
     }
 }

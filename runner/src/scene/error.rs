@@ -14,10 +14,7 @@ pub struct Place {
 impl Place {
     /// Line `line` of `file`; 0 stands for the whole file.
     pub fn new(file: impl Into<String>, line: u64) -> Self {
-        Self {
-            file: file.into(),
-            line,
-        }
+        Self { file: file.into(), line }
     }
 }
 
@@ -47,9 +44,7 @@ pub enum SceneError {
         help: String,
     },
     /// The file opened, but reading it failed part of the way.
-    #[error(
-        "{place}: reading failed: {source}\nhelp: check the disk or the network, then try again"
-    )]
+    #[error("{place}: reading failed: {source}\nhelp: check the disk or the network, then try again")]
     Read {
         /// How far reading came.
         place: Place,
@@ -67,9 +62,7 @@ pub enum SceneError {
         help: String,
     },
     /// A [`Scene`](crate::scene::Scene) breaks a promise that the packing into GPU buffers relies on.
-    #[error(
-        "scene `{scene}`: {what}\nhelp: the reader or generator that made this scene has to be corrected"
-    )]
+    #[error("scene `{scene}`: {what}\nhelp: the reader or generator that made this scene has to be corrected")]
     Invalid {
         /// Name of the scene.
         scene: String,
@@ -81,24 +74,12 @@ pub enum SceneError {
 impl SceneError {
     /// Bad contents at a place.
     pub fn bad_data(place: Place, what: impl Into<String>, help: impl Into<String>) -> Self {
-        Self::BadData {
-            place,
-            what: what.into(),
-            help: help.into(),
-        }
+        Self::BadData { place, what: what.into(), help: help.into() }
     }
 
     /// A file that cannot be had.
-    pub fn no_input(
-        file: impl Into<String>,
-        what: impl Into<String>,
-        help: impl Into<String>,
-    ) -> Self {
-        Self::NoInput {
-            file: file.into(),
-            what: what.into(),
-            help: help.into(),
-        }
+    pub fn no_input(file: impl Into<String>, what: impl Into<String>, help: impl Into<String>) -> Self {
+        Self::NoInput { file: file.into(), what: what.into(), help: help.into() }
     }
 }
 
@@ -154,26 +135,16 @@ impl Warnings {
 
     /// Adds those of another collection.
     pub fn append(&mut self, other: Self) {
-        other
-            .list
-            .into_iter()
-            .for_each(|warning| self.push(warning.place, warning.message));
+        other.list.into_iter().for_each(|warning| self.push(warning.place, warning.message));
         self.left_out += other.left_out;
     }
 
     /// The list, with the number of those left out as its last entry.
     pub fn into_vec(mut self) -> Vec<Warning> {
         if self.left_out > 0 {
-            let file = self
-                .list
-                .last()
-                .map(|w| w.place.file.clone())
-                .unwrap_or_default();
+            let file = self.list.last().map(|w| w.place.file.clone()).unwrap_or_default();
             let message = format!("{} more warnings are not shown", self.left_out);
-            self.list.push(Warning {
-                place: Place::new(file, 0),
-                message,
-            });
+            self.list.push(Warning { place: Place::new(file, 0), message });
         }
         self.list
     }
@@ -192,11 +163,9 @@ mod tests {
         let list = warnings.into_vec();
         assert_eq!(list.len(), Warnings::MAX + 1);
         assert_eq!(list[0].to_string(), "a.obj:1: odd");
-        assert_eq!(
-            list[Warnings::MAX].to_string(),
-            "a.obj: 5 more warnings are not shown"
-        );
+        assert_eq!(list[Warnings::MAX].to_string(), "a.obj: 5 more warnings are not shown");
     }
+
     #[test]
     fn long_names_do_not_make_long_messages() {
         let mut warnings = Warnings::default();

@@ -67,16 +67,11 @@ impl<R: Read> Lines<R> {
             } else if self.buffer[line.clone()].starts_with(b"\xFF\xFE")
                 || self.buffer[line.clone()].starts_with(b"\xFE\xFF")
             {
-                return Err(SceneError::bad_data(
-                    self.place(),
-                    "the file is UTF-16 text",
-                    "save it as UTF-8",
-                ));
+                return Err(SceneError::bad_data(self.place(), "the file is UTF-16 text", "save it as UTF-8"));
             }
         }
         // A comment may end in a folder name; joining would lose the statement that follows.
-        let continued =
-            |line: &[u8]| line.ends_with(b"\\") && !line.trim_ascii_start().starts_with(b"#");
+        let continued = |line: &[u8]| line.ends_with(b"\\") && !line.trim_ascii_start().starts_with(b"#");
         if !continued(&self.buffer[line.clone()]) {
             return Ok(Some((self.logical, &self.buffer[line])));
         }
@@ -104,11 +99,7 @@ impl<R: Read> Lines<R> {
     fn too_long(&self) -> SceneError {
         let place = Place::new(&self.file, self.logical.max(self.physical));
         let what = format!("the line has {} bytes or more", Self::MAX_LINE_BYTES);
-        SceneError::bad_data(
-            place,
-            what,
-            "this is not a text file, or a polygon needs splitting into smaller ones",
-        )
+        SceneError::bad_data(place, what, "this is not a text file, or a polygon needs splitting into smaller ones")
     }
 
     /// Where in the buffer the next line lies.
@@ -122,9 +113,7 @@ impl<R: Read> Lines<R> {
                 }
                 searched = self.unread.start;
             }
-            let found = self.buffer[searched..self.unread.end]
-                .iter()
-                .position(|&byte| byte == b'\n' || byte == b'\r');
+            let found = self.buffer[searched..self.unread.end].iter().position(|&byte| byte == b'\n' || byte == b'\r');
             if let Some(offset) = found {
                 let line = self.unread.start..searched + offset;
                 self.after_cr = self.buffer[line.end] == b'\r';
@@ -159,23 +148,13 @@ impl<R: Read> Lines<R> {
                 Ok(count) => break count,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(source) => {
-                    return Err(SceneError::Read {
-                        place: Place::new(&self.file, self.physical),
-                        source,
-                    });
+                    return Err(SceneError::Read { place: Place::new(&self.file, self.physical), source });
                 }
             }
         };
         if count as u64 > self.bytes_left {
-            let what = format!(
-                "the file is longer than the limit of {} bytes",
-                self.max_bytes
-            );
-            return Err(SceneError::bad_data(
-                Place::new(&self.file, self.physical),
-                what,
-                "raise `--max-size`",
-            ));
+            let what = format!("the file is longer than the limit of {} bytes", self.max_bytes);
+            return Err(SceneError::bad_data(Place::new(&self.file, self.physical), what, "raise `--max-size`"));
         }
         self.bytes_left -= count as u64;
         self.unread.end += count;
@@ -195,35 +174,20 @@ pub fn decode(bytes: &[u8]) -> String {
 /// Splits a line into its first word and the rest, without the blanks around them.
 pub fn split_keyword(line: &[u8]) -> (&[u8], &[u8]) {
     let line = line.trim_ascii();
-    let end = line
-        .iter()
-        .position(u8::is_ascii_whitespace)
-        .unwrap_or(line.len());
+    let end = line.iter().position(u8::is_ascii_whitespace).unwrap_or(line.len());
     (&line[..end], line[end..].trim_ascii_start())
 }
 
 /// The words of a statement that holds numbers: up to a `#`, split at blanks.
 pub fn words(rest: &[u8]) -> impl Iterator<Item = &[u8]> {
-    let end = rest
-        .iter()
-        .position(|&byte| byte == b'#')
-        .unwrap_or(rest.len());
-    rest[..end]
-        .split(u8::is_ascii_whitespace)
-        .filter(|word| !word.is_empty())
+    let end = rest.iter().position(|&byte| byte == b'#').unwrap_or(rest.len());
+    rest[..end].split(u8::is_ascii_whitespace).filter(|word| !word.is_empty())
 }
 
 /// A piece of a line that is short enough for a message.
 pub fn excerpt(bytes: &[u8]) -> String {
-    let text: String = decode(bytes.trim_ascii())
-        .chars()
-        .filter(|c| !c.is_control())
-        .collect();
-    if text.chars().count() > 60 {
-        text.chars().take(57).chain("...".chars()).collect()
-    } else {
-        text
-    }
+    let text: String = decode(bytes.trim_ascii()).chars().filter(|c| !c.is_control()).collect();
+    if text.chars().count() > 60 { text.chars().take(57).chain("...".chars()).collect() } else { text }
 }
 
 #[cfg(test)]
@@ -251,8 +215,7 @@ mod tests {
 
     #[test]
     fn every_kind_of_line_end_counts_once() {
-        let expected = [(1, "a"), (2, "b"), (3, ""), (4, "c"), (5, "d")]
-            .map(|(line, text)| (line, text.to_owned()));
+        let expected = [(1, "a"), (2, "b"), (3, ""), (4, "c"), (5, "d")].map(|(line, text)| (line, text.to_owned()));
         assert_eq!(all(b"a\nb\n\nc\nd"), expected);
         assert_eq!(all(b"a\r\nb\r\n\r\nc\r\nd\r\n"), expected);
         assert_eq!(all(b"a\rb\r\rc\rd\r"), expected);
@@ -260,15 +223,9 @@ mod tests {
 
     #[test]
     fn continued_lines_are_joined_and_numbered_by_their_first() {
-        assert_eq!(
-            all(b"f 1 \\\n2 3\nx"),
-            [(1, "f 1  2 3".to_owned()), (3, "x".to_owned())]
-        );
+        assert_eq!(all(b"f 1 \\\n2 3\nx"), [(1, "f 1  2 3".to_owned()), (3, "x".to_owned())]);
         assert_eq!(all(b"f 1 \\\r\n2\\\r\n3"), [(1, "f 1  2 3".to_owned())]);
-        assert_eq!(
-            all(b"# C:\\\nf 1 2 3"),
-            [(1, "# C:\\".to_owned()), (2, "f 1 2 3".to_owned())]
-        );
+        assert_eq!(all(b"# C:\\\nf 1 2 3"), [(1, "# C:\\".to_owned()), (2, "f 1 2 3".to_owned())]);
         assert_eq!(all(b"f 1 \\"), [(1, "f 1  ".to_owned())]);
     }
 
@@ -281,19 +238,13 @@ mod tests {
     fn a_line_without_end_is_refused_after_a_mebibyte() {
         let mut lines = Lines::new(io::repeat(b'x'), "t.obj", u64::MAX);
         let error = lines.next().expect_err("endless").to_string();
-        assert!(
-            error.starts_with("t.obj:1: the line has 1048576 bytes or more\nhelp: "),
-            "{error}"
-        );
+        assert!(error.starts_with("t.obj:1: the line has 1048576 bytes or more\nhelp: "), "{error}");
     }
 
     #[test]
     fn lines_longer_than_a_read_are_whole() {
         let long = "y".repeat(300_000);
-        assert_eq!(
-            all(format!("{long}\nz").as_bytes()),
-            [(1, long), (2, "z".to_owned())]
-        );
+        assert_eq!(all(format!("{long}\nz").as_bytes()), [(1, long), (2, "z".to_owned())]);
     }
 
     #[test]

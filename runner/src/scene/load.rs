@@ -31,13 +31,7 @@ pub struct LoadOptions {
 
 impl Default for LoadOptions {
     fn default() -> Self {
-        Self {
-            lambert: false,
-            flat: false,
-            texture_budget_bytes: 128 << 20,
-            asset_root: None,
-            max_file_bytes: 4 << 30,
-        }
+        Self { lambert: false, flat: false, texture_budget_bytes: 128 << 20, asset_root: None, max_file_bytes: 4 << 30 }
     }
 }
 
@@ -66,25 +60,12 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, SceneError> {
 ///
 /// # Errors
 /// As [`load`].
-pub fn load_from(
-    source: &dyn Source,
-    name: &str,
-    options: &LoadOptions,
-) -> Result<Loaded, SceneError> {
+pub fn load_from(source: &dyn Source, name: &str, options: &LoadOptions) -> Result<Loaded, SceneError> {
     let mut warnings = Warnings::default();
-    let opened = source
-        .open(name)
-        .map_err(|error| SceneError::no_input(name, error.to_string(), "check the path"))?;
+    let opened = source.open(name).map_err(|error| SceneError::no_input(name, error.to_string(), "check the path"))?;
     if opened.bytes > options.max_file_bytes {
-        let what = format!(
-            "the file has {} bytes, the limit is {}",
-            opened.bytes, options.max_file_bytes
-        );
-        return Err(SceneError::bad_data(
-            Place::new(opened.path, 0),
-            what,
-            "raise `--max-size`",
-        ));
+        let what = format!("the file has {} bytes, the limit is {}", opened.bytes, options.max_file_bytes);
+        return Err(SceneError::bad_data(Place::new(opened.path, 0), what, "raise `--max-size`"));
     }
     let path = opened.path;
     let mut obj = obj::read(opened.reader, &path, options.max_file_bytes, &mut warnings)?;
@@ -95,10 +76,7 @@ pub fn load_from(
     for name in &obj.material_names {
         let Some((material, folder)) = library.get(name.trim()) else {
             if !name.is_empty() {
-                warnings.push(
-                    Place::new(&path, 0),
-                    format!("material `{name}` is in no library; grey is used"),
-                );
+                warnings.push(Place::new(&path, 0), format!("material `{name}` is in no library; grey is used"));
             }
             unbound.push((unnamed(name), [None; 3]));
             continue;
@@ -110,13 +88,7 @@ pub fn load_from(
             ("map_d", &parts.alpha_map, Kind::Mask),
         ];
         let requests = maps.map(|(keyword, map, kind)| {
-            textures.request(
-                folder,
-                map.as_ref()?,
-                kind,
-                &material.map_place(keyword),
-                &mut warnings,
-            )
+            textures.request(folder, map.as_ref()?, kind, &material.map_place(keyword), &mut warnings)
         });
         unbound.push((parts, requests));
     }
@@ -126,16 +98,10 @@ pub fn load_from(
     }
 
     if unbound.iter().any(|(parts, _)| parts.invisible) {
-        obj::retain_materials(&mut obj.mesh, |material| {
-            !unbound[material as usize].0.invisible
-        });
+        obj::retain_materials(&mut obj.mesh, |material| !unbound[material as usize].0.invisible);
         if obj.mesh.triangles.is_empty() {
             let what = "every triangle is fully transparent";
-            return Err(SceneError::bad_data(
-                Place::new(path, 0),
-                what,
-                "raise `d` in the material library",
-            ));
+            return Err(SceneError::bad_data(Place::new(path, 0), what, "raise `d` in the material library"));
         }
     }
     obj::drop_unused_vertices(&mut obj.mesh);
@@ -147,46 +113,25 @@ pub fn load_from(
     let bind = |(parts, requests): (Unbound, [Option<usize>; 3])| {
         let [base_color_texture, emission_texture, alpha_texture] =
             requests.map(|request| request.and_then(|request| index_of_request[request]));
-        Material {
-            base_color_texture,
-            emission_texture,
-            alpha_texture,
-            ..parts.material
-        }
+        Material { base_color_texture, emission_texture, alpha_texture, ..parts.material }
     };
     let materials = unbound.into_iter().map(bind).collect();
     let scene = Scene {
-        name: Path::new(name)
-            .file_stem()
-            .map(|stem| stem.to_string_lossy().into_owned())
-            .unwrap_or_default(),
+        name: Path::new(name).file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
         meshes: vec![obj.mesh],
-        instances: vec![Instance {
-            mesh: 0,
-            world_from_object: Mat4::IDENTITY,
-            motion: Motion::Still,
-        }],
+        instances: vec![Instance { mesh: 0, world_from_object: Mat4::IDENTITY, motion: Motion::Still }],
         materials,
         textures,
         environment: None,
         camera: None,
     };
     scene.validate()?;
-    Ok(Loaded {
-        scene,
-        warnings: warnings.into_vec(),
-    })
+    Ok(Loaded { scene, warnings: warnings.into_vec() })
 }
 
 /// A grey material.
 fn unnamed(name: &str) -> Unbound {
-    Unbound {
-        material: Material {
-            name: name.to_owned(),
-            ..Material::default()
-        },
-        ..Unbound::default()
-    }
+    Unbound { material: Material { name: name.to_owned(), ..Material::default() }, ..Unbound::default() }
 }
 
 /// The materials of all libraries by name, each with the folder that its textures are relative to. The last of
@@ -207,24 +152,16 @@ fn read_libraries(
                 continue;
             }
             if file.bytes > options.max_file_bytes {
-                let message = format!(
-                    "material library `{name}` has {} bytes and is ignored",
-                    file.bytes
-                );
+                let message = format!("material library `{name}` has {} bytes and is ignored", file.bytes);
                 warnings.push(place.clone(), message);
                 continue;
             }
-            let folder = name
-                .rsplit_once('/')
-                .map(|(folder, _)| format!("{folder}/"))
-                .unwrap_or_default();
+            let folder = name.rsplit_once('/').map(|(folder, _)| format!("{folder}/")).unwrap_or_default();
             for material in mtl::read(file.reader, &file.path, options.max_file_bytes, warnings) {
                 let name = material.statements.name.trim().to_owned();
                 if materials.contains_key(&name) {
-                    warnings.push(
-                        material.place.clone(),
-                        format!("material `{name}` is defined again; this one is used"),
-                    );
+                    warnings
+                        .push(material.place.clone(), format!("material `{name}` is defined again; this one is used"));
                 }
                 materials.insert(name, (material, folder.clone()));
             }
@@ -234,20 +171,12 @@ fn read_libraries(
 }
 
 /// The files of one `mtllib` statement: one name with blanks in it, or several names.
-fn open_libraries(
-    source: &dyn Source,
-    names: &str,
-    place: &Place,
-    warnings: &mut Warnings,
-) -> Vec<(String, Opened)> {
+fn open_libraries(source: &dyn Source, names: &str, place: &Place, warnings: &mut Warnings) -> Vec<(String, Opened)> {
     let mut opened = Vec::new();
     let mut add = |name: &str, warnings: &mut Warnings| -> Result<(), SourceError> {
         let located = locate(source, "", name)?;
         if let Some(reason) = &located.replaced {
-            let message = format!(
-                "material library `{name}`: {reason}; `{}` is used in its place",
-                located.name
-            );
+            let message = format!("material library `{name}`: {reason}; `{}` is used in its place", located.name);
             warnings.push(place.clone(), message);
         }
         opened.push((located.name, located.file));
@@ -258,16 +187,13 @@ fn open_libraries(
         return opened;
     };
     if words.len() < 2 {
-        let message =
-            format!("material library `{names}` is left out, and its materials are grey: {reason}");
+        let message = format!("material library `{names}` is left out, and its materials are grey: {reason}");
         warnings.push(place.clone(), message);
         return opened;
     }
     for word in words.into_iter().take(MAX_LIBRARIES) {
         if let Err(reason) = add(word, warnings) {
-            let message = format!(
-                "material library `{word}` is left out, and its materials are grey: {reason}"
-            );
+            let message = format!("material library `{word}` is left out, and its materials are grey: {reason}");
             warnings.push(place.clone(), message);
         }
     }

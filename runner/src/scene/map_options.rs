@@ -29,13 +29,8 @@ pub fn split_options(rest: &[u8]) -> (Vec<String>, &[u8]) {
             if value.is_empty() || after.is_empty() || (index >= least && number(value).is_none()) {
                 break;
             }
-            let same =
-                value == neutral || (number(value).is_some() && number(value) == number(neutral));
-            changes |= !same
-                && !matches!(
-                    option,
-                    b"-bm" | b"-texres" | b"-boost" | b"-blendu" | b"-blendv"
-                );
+            let same = value == neutral || (number(value).is_some() && number(value) == number(neutral));
+            changes |= !same && !matches!(option, b"-bm" | b"-texres" | b"-boost" | b"-blendu" | b"-blendv");
             text.push(' ');
             text.push_str(&excerpt(value));
             rest = after;
@@ -67,13 +62,7 @@ mod tests {
 
     #[test]
     fn only_options_that_change_the_picture_are_reported() {
-        assert_eq!(
-            split_options(b"-s 1 1 1 -o 0 0 -bm 3 -clamp off -blendu on t.png").0,
-            Vec::<String>::new()
-        );
-        assert_eq!(
-            split_options(b"-s 2 2 1 -o 0 0 0 -clamp on t.png").0,
-            ["-s 2 2 1", "-clamp on"]
-        );
+        assert_eq!(split_options(b"-s 1 1 1 -o 0 0 -bm 3 -clamp off -blendu on t.png").0, Vec::<String>::new());
+        assert_eq!(split_options(b"-s 2 2 1 -o 0 0 0 -clamp on t.png").0, ["-s 2 2 1", "-clamp on"]);
     }
 }

@@ -42,56 +42,32 @@ pub fn interpret(mtl: &MtlMaterial, lambert: bool, warnings: &mut Warnings) -> U
     let alpha_map = statements.dissolve_texture.clone();
     let mut emission_map = statements.unknown_param.get("map_Ke").cloned();
 
-    let unset = if base_color_map.is_some() {
-        Vec3::ONE
-    } else {
-        Material::default().base_color
-    };
+    let unset = if base_color_map.is_some() { Vec3::ONE } else { Material::default().base_color };
     let mut base_color = color(statements.diffuse).unwrap_or(unset);
-    let emission = color(statements.emissive).unwrap_or(if emission_map.is_some() {
-        Vec3::ONE
-    } else {
-        Vec3::ZERO
-    });
+    let emission = color(statements.emissive).unwrap_or(if emission_map.is_some() { Vec3::ONE } else { Vec3::ZERO });
     if emission == Vec3::ZERO && emission_map.take().is_some() {
-        warn(format!(
-            "`map_Ke` of material `{name}` has no effect, because its `Ke` is black"
-        ));
+        warn(format!("`map_Ke` of material `{name}` has no effect, because its `Ke` is black"));
     }
     let ambient = color(statements.ambient).unwrap_or(Vec3::ZERO);
     if ambient.max_element() > 1.0 && emission == Vec3::ZERO {
-        warn(format!(
-            "`Ka` of material `{name}` is ignored; use `Ke` for emission"
-        ));
+        warn(format!("`Ka` of material `{name}` is ignored; use `Ke` for emission"));
     }
 
     let model = statements.illumination_model;
     let glass = matches!(model, Some(4 | 6 | 7 | 9));
     let transparency = mtl.number("Tr").map(|transparency| 1.0 - transparency);
-    let opacity = statements
-        .dissolve
-        .or(transparency)
-        .filter(|_| alpha_map.is_none())
-        .unwrap_or(1.0);
+    let opacity = statements.dissolve.or(transparency).filter(|_| alpha_map.is_none()).unwrap_or(1.0);
     // Exporters write `d 0` for glass, which is anything but invisible.
     let invisible = opacity == 0.0 && !glass;
     if invisible {
-        warn(format!(
-            "material `{name}` is fully transparent (`d 0`): its triangles are dropped"
-        ));
+        warn(format!("material `{name}` is fully transparent (`d 0`): its triangles are dropped"));
     } else if let (Some(model), true) = (model, glass) {
-        warn(format!(
-            "material `{name}` (`illum {model}`) is drawn opaque: refraction is not supported"
-        ));
+        warn(format!("material `{name}` (`illum {model}`) is drawn opaque: refraction is not supported"));
     } else if opacity < 1.0 {
-        warn(format!(
-            "material `{name}` (`d {opacity}`) is drawn opaque: only masks (`map_d`) are supported"
-        ));
+        warn(format!("material `{name}` (`d {opacity}`) is drawn opaque: only masks (`map_d`) are supported"));
     }
     let (roughness, metallic) = (mtl.number("Pr"), mtl.number("Pm"));
-    let phong = color(statements.specular)
-        .filter(|_| !matches!(model, Some(0 | 1)))
-        .unwrap_or(Vec3::ZERO);
+    let phong = color(statements.specular).filter(|_| !matches!(model, Some(0 | 1))).unwrap_or(Vec3::ZERO);
     let f0 = Vec3::splat(reflectance(statements.optical_density));
     let (specular, roughness, metallic) = if lambert {
         (Vec3::ZERO, 1.0, 0.0)
@@ -101,11 +77,7 @@ pub fn interpret(mtl: &MtlMaterial, lambert: bool, warnings: &mut Warnings) -> U
         if metallic > 0.0 && black {
             base_color = color(statements.specular).unwrap_or(base_color);
         }
-        (
-            f0,
-            roughness.unwrap_or(phong_roughness(statements.shininess)),
-            metallic,
-        )
+        (f0, roughness.unwrap_or(phong_roughness(statements.shininess)), metallic)
     } else if phong != Vec3::ZERO {
         (phong, phong_roughness(statements.shininess), 0.0)
     } else if glass {
@@ -113,22 +85,8 @@ pub fn interpret(mtl: &MtlMaterial, lambert: bool, warnings: &mut Warnings) -> U
     } else {
         (Vec3::ZERO, 1.0, 0.0)
     };
-    let material = Material {
-        name,
-        base_color,
-        specular,
-        roughness,
-        metallic,
-        emission,
-        ..Material::default()
-    };
-    Unbound {
-        material,
-        base_color_map,
-        emission_map,
-        alpha_map,
-        invisible,
-    }
+    let material = Material { name, base_color, specular, roughness, metallic, emission, ..Material::default() };
+    Unbound { material, base_color_map, emission_map, alpha_map, invisible }
 }
 
 /// Reflectance at normal incidence of a dielectric in air.
@@ -154,14 +112,7 @@ mod tests {
         let text = format!("newmtl m\n{statements}");
         let materials = mtl::read(text.as_bytes(), "t.mtl", u64::MAX, &mut warnings);
         let unbound = interpret(&materials[0], lambert, &mut warnings);
-        (
-            unbound,
-            warnings
-                .into_vec()
-                .iter()
-                .map(ToString::to_string)
-                .collect(),
-        )
+        (unbound, warnings.into_vec().iter().map(ToString::to_string).collect())
     }
 
     fn close(a: Vec3, b: Vec3) -> bool {
@@ -170,17 +121,10 @@ mod tests {
 
     #[test]
     fn roughness_and_metallic_win_over_phong() {
-        let (unbound, warnings) = material(
-            "Kd 0.2 0.3 0.4\nKs 1 1 1\nNs 19\nNi 1.5\nPr 0.25\nPm 0.5",
-            false,
-        );
+        let (unbound, warnings) = material("Kd 0.2 0.3 0.4\nKs 1 1 1\nNs 19\nNi 1.5\nPr 0.25\nPm 0.5", false);
         let material = unbound.material;
         assert_eq!((material.roughness, material.metallic), (0.25, 0.5));
-        assert!(
-            close(material.specular, Vec3::splat(0.04)),
-            "{}",
-            material.specular
-        );
+        assert!(close(material.specular, Vec3::splat(0.04)), "{}", material.specular);
         assert_eq!(material.base_color, Vec3::new(0.2, 0.3, 0.4));
         assert_eq!(warnings, Vec::<String>::new());
     }
@@ -195,55 +139,33 @@ mod tests {
     #[test]
     fn a_metal_with_its_colour_in_ks_keeps_it() {
         let metal = "Kd 0 0 0\nKs 0.9 0.6 0.3\nPr 0.1\nPm 1";
-        assert_eq!(
-            material(metal, false).0.material.base_color,
-            Vec3::new(0.9, 0.6, 0.3)
-        );
+        assert_eq!(material(metal, false).0.material.base_color, Vec3::new(0.9, 0.6, 0.3));
         assert_eq!(material(metal, true).0.material.base_color, Vec3::ZERO);
     }
 
     #[test]
     fn phong_highlights_become_roughness() {
-        let material = material("Kd 0.5\nKs 0.3\nNs 798\nillum 2", false)
-            .0
-            .material;
+        let material = material("Kd 0.5\nKs 0.3\nNs 798\nillum 2", false).0.material;
         assert_eq!(material.specular, Vec3::splat(0.3));
-        assert!(
-            (material.roughness - 0.223_607).abs() < 1e-6,
-            "{}",
-            material.roughness
-        );
+        assert!((material.roughness - 0.223_607).abs() < 1e-6, "{}", material.roughness);
     }
 
     #[test]
     fn without_highlights_a_material_is_lambertian() {
         for statements in ["Kd 1\nKs 0 0 0\nNs 10", "Kd 1\nKs 1 1 1\nillum 1", "Kd 1"] {
-            assert_eq!(
-                material(statements, false).0.material.specular,
-                Vec3::ZERO,
-                "{statements}"
-            );
+            assert_eq!(material(statements, false).0.material.specular, Vec3::ZERO, "{statements}");
         }
         let material = material("Kd 0.5\nKs 1\nPr 0.1\nPm 1\nillum 7", true);
-        assert_eq!(
-            (material.0.material.specular, material.0.material.metallic),
-            (Vec3::ZERO, 0.0)
-        );
+        assert_eq!((material.0.material.specular, material.0.material.metallic), (Vec3::ZERO, 0.0));
         assert_eq!(material.1.len(), 1, "glass: {:?}", material.1);
     }
 
     #[test]
     fn transparency_is_opaque_or_absent_and_says_so() {
         let (unbound, warnings) = material("d 0.5", false);
-        assert!(
-            !unbound.invisible && warnings[0].contains("`m` (`d 0.5`) is drawn opaque"),
-            "{warnings:?}"
-        );
+        assert!(!unbound.invisible && warnings[0].contains("`m` (`d 0.5`) is drawn opaque"), "{warnings:?}");
         let (unbound, warnings) = material("Tr 1", false);
-        assert!(
-            unbound.invisible && warnings[0].contains("its triangles are dropped"),
-            "{warnings:?}"
-        );
+        assert!(unbound.invisible && warnings[0].contains("its triangles are dropped"), "{warnings:?}");
         let (unbound, warnings) = material("d 0\nmap_d leaf.png", false);
         assert!(!unbound.invisible && warnings.is_empty(), "{warnings:?}");
         // When both are given, `d` is what its writer meant: some write `Tr` with the opposite sense.
@@ -252,21 +174,12 @@ mod tests {
 
     #[test]
     fn emission_comes_from_ke_alone() {
-        assert_eq!(
-            material("map_Ke e.png", false).0.material.emission,
-            Vec3::ONE
-        );
+        assert_eq!(material("map_Ke e.png", false).0.material.emission, Vec3::ONE);
         let (unbound, warnings) = material("Ka 20 20 20", false);
         assert_eq!(unbound.material.emission, Vec3::ZERO);
-        assert_eq!(
-            warnings,
-            ["t.mtl:1: `Ka` of material `m` is ignored; use `Ke` for emission"]
-        );
+        assert_eq!(warnings, ["t.mtl:1: `Ka` of material `m` is ignored; use `Ke` for emission"]);
         let (unbound, warnings) = material("Ke 0 0 0\nmap_Ke e.png", false);
-        assert!(
-            unbound.emission_map.is_none() && warnings.len() == 1,
-            "{warnings:?}"
-        );
+        assert!(unbound.emission_map.is_none() && warnings.len() == 1, "{warnings:?}");
     }
 
     #[test]
@@ -274,9 +187,6 @@ mod tests {
         let (unbound, warnings) = material("Kd 0\nNi 1.5\nNs 1000\nd 0\nillum 7", false);
         assert!(!unbound.invisible);
         assert!(close(unbound.material.specular, Vec3::splat(0.04)));
-        assert!(
-            warnings[0].ends_with("refraction is not supported"),
-            "{warnings:?}"
-        );
+        assert!(warnings[0].ends_with("refraction is not supported"), "{warnings:?}");
     }
 }

@@ -104,22 +104,14 @@ impl Instance {
         use core::f32::consts::TAU;
         match self.motion {
             Motion::Still => self.world_from_object,
-            Motion::Turn {
-                center,
-                axis,
-                turns_per_second,
-            } => {
+            Motion::Turn { center, axis, turns_per_second } => {
                 let angle = TAU * (turns_per_second * time_s).fract();
                 Mat4::from_translation(center)
                     * Mat4::from_axis_angle(axis, angle)
                     * Mat4::from_translation(-center)
                     * self.world_from_object
             }
-            Motion::Swing {
-                offset,
-                frequency_hz,
-                phase,
-            } => {
+            Motion::Swing { offset, frequency_hz, phase } => {
                 let angle = TAU * (frequency_hz * time_s + phase).fract();
                 Mat4::from_translation(offset * angle.sin()) * self.world_from_object
             }

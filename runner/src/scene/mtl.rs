@@ -28,11 +28,7 @@ pub struct MtlMaterial {
 impl MtlMaterial {
     /// Where the statement `keyword` names a file.
     pub fn map_place(&self, keyword: &str) -> Place {
-        let line = self
-            .map_lines
-            .get(keyword)
-            .copied()
-            .unwrap_or(self.place.line);
+        let line = self.map_lines.get(keyword).copied().unwrap_or(self.place.line);
         Place::new(&self.place.file, line)
     }
 
@@ -43,12 +39,7 @@ impl MtlMaterial {
 }
 
 /// Reads a library, `file` being its name for messages. Never fails: what cannot be read is missing.
-pub fn read(
-    reader: impl Read,
-    file: &str,
-    max_bytes: u64,
-    warnings: &mut Warnings,
-) -> Vec<MtlMaterial> {
+pub fn read(reader: impl Read, file: &str, max_bytes: u64, warnings: &mut Warnings) -> Vec<MtlMaterial> {
     let mut library = Library::default();
     let mut lines = Lines::new(reader, file, max_bytes);
     loop {
@@ -56,38 +47,24 @@ pub fn read(
             Ok(Some((number, line))) => library.rewrite(&Place::new(file, number), line, warnings),
             Ok(None) => break,
             Err(error) => {
-                warnings.push(
-                    lines.place(),
-                    format!("the rest of the library is ignored: {error}"),
-                );
+                warnings.push(lines.place(), format!("the rest of the library is ignored: {error}"));
                 break;
             }
         }
     }
     for (keyword, (place, count)) in library.unsupported {
-        warnings.push(
-            place,
-            format!(
-                "`{keyword}` is not supported and ignored ({count} in all, the first on this line)"
-            ),
-        );
+        warnings
+            .push(place, format!("`{keyword}` is not supported and ignored ({count} in all, the first on this line)"));
     }
     // As with geometry: checked statements give tobj no reason to fail.
     match catch_unwind(|| tobj::load_mtl_buf(&mut library.text.as_bytes())) {
         Ok(Ok((materials, _))) => {
             let materials = materials.into_iter().zip(library.begins);
-            let bind = |(statements, (place, map_lines))| MtlMaterial {
-                statements,
-                place,
-                map_lines,
-            };
+            let bind = |(statements, (place, map_lines))| MtlMaterial { statements, place, map_lines };
             materials.map(bind).collect()
         }
         Ok(Err(_)) | Err(_) => {
-            warnings.push(
-                Place::new(file, 0),
-                "the library cannot be read; its materials are grey",
-            );
+            warnings.push(Place::new(file, 0), "the library cannot be read; its materials are grey");
             Vec::new()
         }
     }
@@ -119,34 +96,22 @@ impl Library {
             return;
         }
         if self.begins.is_empty() {
-            let message = format!(
-                "`{}` before the first `newmtl` is ignored",
-                excerpt(keyword)
-            );
+            let message = format!("`{}` before the first `newmtl` is ignored", excerpt(keyword));
             warnings.push(place.clone(), message);
             return;
         }
-        let known = KEYWORDS
-            .iter()
-            .find(|(known, _)| keyword.eq_ignore_ascii_case(known.as_bytes()));
+        let known = KEYWORDS.iter().find(|(known, _)| keyword.eq_ignore_ascii_case(known.as_bytes()));
         match known {
             None => self.note_unsupported(place, &excerpt(keyword)),
             Some((keyword, Kind::Unsupported)) => self.note_unsupported(place, keyword),
             Some((_, Kind::Silent)) => {}
             Some((keyword, Kind::Color(max))) => self.color(place, keyword, rest, *max, warnings),
-            Some((keyword, Kind::Number(min, max))) => {
-                self.number(place, keyword, rest, *min..=*max, warnings)
-            }
+            Some((keyword, Kind::Number(min, max))) => self.number(place, keyword, rest, *min..=*max, warnings),
             Some((keyword, Kind::Map)) => self.map(place, keyword, rest, warnings),
             Some((keyword, Kind::Model)) => match words(rest).next().and_then(number) {
-                Some(model) if (0.0..=10.0).contains(&model) => {
-                    self.push(keyword, &format!("{}", model as u8))
-                }
+                Some(model) if (0.0..=10.0).contains(&model) => self.push(keyword, &format!("{}", model as u8)),
                 _ => {
-                    let message = format!(
-                        "`illum {}` is ignored: models go from 0 to 10",
-                        excerpt(rest)
-                    );
+                    let message = format!("`illum {}` is ignored: models go from 0 to 10", excerpt(rest));
                     warnings.push(place.clone(), message);
                 }
             },
@@ -164,25 +129,14 @@ impl Library {
         if let Some((_, count)) = self.unsupported.get_mut(keyword) {
             *count += 1;
         } else if self.unsupported.len() < MAX_KEYWORDS {
-            self.unsupported
-                .insert(keyword.to_owned(), (place.clone(), 1));
+            self.unsupported.insert(keyword.to_owned(), (place.clone(), 1));
         }
     }
 
-    fn color(
-        &mut self,
-        place: &Place,
-        keyword: &str,
-        rest: &[u8],
-        max: f64,
-        warnings: &mut Warnings,
-    ) {
+    fn color(&mut self, place: &Place, keyword: &str, rest: &[u8], max: f64, warnings: &mut Warnings) {
         let words: Vec<_> = words(rest).take(3).collect();
         if let Some(kind @ (b"spectral" | b"xyz")) = words.first().copied() {
-            let message = format!(
-                "`{keyword} {}` is ignored: only RGB colours are supported",
-                excerpt(kind)
-            );
+            let message = format!("`{keyword} {}` is ignored: only RGB colours are supported", excerpt(kind));
             warnings.push(place.clone(), message);
             return;
         }
@@ -190,28 +144,19 @@ impl Library {
         let color = match parsed.as_deref() {
             Some(&[grey]) => [grey; 3],
             Some(&[red, green]) => {
-                warnings.push(
-                    place.clone(),
-                    format!("`{keyword}` has two components; blue is taken to be {green}"),
-                );
+                warnings.push(place.clone(), format!("`{keyword}` has two components; blue is taken to be {green}"));
                 [red, green, green]
             }
             Some(&[red, green, blue]) => [red, green, blue],
             _ => {
-                warnings.push(
-                    place.clone(),
-                    format!("`{keyword} {}` is ignored: not a colour", excerpt(rest)),
-                );
+                warnings.push(place.clone(), format!("`{keyword} {}` is ignored: not a colour", excerpt(rest)));
                 return;
             }
         };
         // NaN becomes 0; a comparison decides, because `clamp` keeps it.
         let clamped = color.map(|x| if x > 0.0 { x.min(max) } else { 0.0 });
         if clamped != color && keyword != "Ka" {
-            let message = format!(
-                "`{keyword} {}` is out of range and was clamped to 0..={max:?}",
-                excerpt(rest)
-            );
+            let message = format!("`{keyword} {}` is out of range and was clamped to 0..={max:?}", excerpt(rest));
             warnings.push(place.clone(), message);
         }
         let [red, green, blue] = clamped.map(|x| x.min(f64::from(f32::MAX)));
@@ -233,18 +178,12 @@ impl Library {
             word = words.next();
         }
         let Some(value) = word.and_then(number).filter(|value| !value.is_nan()) else {
-            warnings.push(
-                place.clone(),
-                format!("`{keyword} {}` is ignored: not a number", excerpt(rest)),
-            );
+            warnings.push(place.clone(), format!("`{keyword} {}` is ignored: not a number", excerpt(rest)));
             return;
         };
         let clamped = value.clamp(*range.start(), *range.end());
         if clamped != value {
-            warnings.push(
-                place.clone(),
-                format!("`{keyword} {value}` is out of range and was clamped to {clamped}"),
-            );
+            warnings.push(place.clone(), format!("`{keyword} {value}` is out of range and was clamped to {clamped}"));
         }
         self.push(keyword, &format!("{clamped:e}"));
     }
@@ -252,19 +191,13 @@ impl Library {
     fn map(&mut self, place: &Place, keyword: &'static str, rest: &[u8], warnings: &mut Warnings) {
         let (ignored, name) = split_options(rest);
         if !ignored.is_empty() {
-            let message = format!(
-                "options of `{keyword}` are not supported and ignored: `{}`",
-                ignored.join(" ")
-            );
+            let message = format!("options of `{keyword}` are not supported and ignored: `{}`", ignored.join(" "));
             warnings.push(place.clone(), message);
         }
         let name = decode(name);
         let name = name.trim().trim_matches('"');
         if name.is_empty() {
-            warnings.push(
-                place.clone(),
-                format!("`{keyword}` without a file name is ignored"),
-            );
+            warnings.push(place.clone(), format!("`{keyword}` without a file name is ignored"));
         } else {
             self.push(keyword, name);
             if let Some((_, map_lines)) = self.begins.last_mut() {
@@ -281,14 +214,7 @@ mod tests {
     fn parse(text: &str) -> (Vec<MtlMaterial>, Vec<String>) {
         let mut warnings = Warnings::default();
         let materials = read(text.as_bytes(), "t.mtl", u64::MAX, &mut warnings);
-        (
-            materials,
-            warnings
-                .into_vec()
-                .iter()
-                .map(ToString::to_string)
-                .collect(),
-        )
+        (materials, warnings.into_vec().iter().map(ToString::to_string).collect())
     }
 
     fn one(statements: &str) -> (tobj::Material, Vec<String>) {
@@ -302,16 +228,12 @@ mod tests {
         assert_eq!(one("Kd 0.5").0.diffuse, Some([0.5; 3]));
         let (material, warnings) = one("Ke 1 2");
         assert_eq!(material.emissive, Some([1.0, 2.0, 2.0]));
-        assert_eq!(
-            warnings,
-            ["t.mtl:2: `Ke` has two components; blue is taken to be 2"]
-        );
+        assert_eq!(warnings, ["t.mtl:2: `Ke` has two components; blue is taken to be 2"]);
     }
 
     #[test]
     fn a_statement_that_is_not_understood_costs_only_itself() {
-        let (material, warnings) =
-            one("Kd spectral x.rfl\nillum 300\nNs\nKs a b c\nKe 1 2 3 # lamp\nKd");
+        let (material, warnings) = one("Kd spectral x.rfl\nillum 300\nNs\nKs a b c\nKe 1 2 3 # lamp\nKd");
         assert_eq!((material.diffuse, material.specular), (None, None));
         assert_eq!(material.emissive, Some([1.0, 2.0, 3.0]));
         assert_eq!(
@@ -333,38 +255,17 @@ mod tests {
         assert_eq!(material.emissive, Some([0.0, 0.0, 1e20]));
         assert_eq!(material.dissolve, Some(1.0));
         assert_eq!(warnings.len(), 3);
-        assert_eq!(
-            warnings[0],
-            "t.mtl:2: `Kd -1 inf NaN` is out of range and was clamped to 0..=1.0"
-        );
+        assert_eq!(warnings[0], "t.mtl:2: `Kd -1 inf NaN` is out of range and was clamped to 0..=1.0");
     }
 
     #[test]
     fn options_do_not_become_part_of_a_file_name() {
-        assert_eq!(
-            one("map_Kd -s 1 1 1 t.png").0.diffuse_texture.as_deref(),
-            Some("t.png")
-        );
-        assert_eq!(
-            one("map_Kd -s 2 t u.png").0.diffuse_texture.as_deref(),
-            Some("t u.png")
-        );
-        assert_eq!(
-            one("map_Kd -o 1 1 1 1").0.diffuse_texture.as_deref(),
-            Some("1")
-        );
-        assert_eq!(
-            one("map_d -clamp on -imfchan m \"a b.png\"")
-                .0
-                .dissolve_texture
-                .as_deref(),
-            Some("a b.png")
-        );
+        assert_eq!(one("map_Kd -s 1 1 1 t.png").0.diffuse_texture.as_deref(), Some("t.png"));
+        assert_eq!(one("map_Kd -s 2 t u.png").0.diffuse_texture.as_deref(), Some("t u.png"));
+        assert_eq!(one("map_Kd -o 1 1 1 1").0.diffuse_texture.as_deref(), Some("1"));
+        assert_eq!(one("map_d -clamp on -imfchan m \"a b.png\"").0.dissolve_texture.as_deref(), Some("a b.png"));
         let (_, warnings) = one("map_Kd -s 2 2 1 -o 0 0 0 t.png");
-        assert_eq!(
-            warnings,
-            ["t.mtl:2: options of `map_Kd` are not supported and ignored: `-s 2 2 1`"]
-        );
+        assert_eq!(warnings, ["t.mtl:2: options of `map_Kd` are not supported and ignored: `-s 2 2 1`"]);
     }
 
     #[test]
@@ -390,8 +291,7 @@ mod tests {
 
     #[test]
     fn materials_know_where_they_begin() {
-        let (materials, warnings) =
-            parse("Kd 1 1 1\n\nnewmtl caf\u{e9} au lait\nKd 1\nnewmtl\nKd 0");
+        let (materials, warnings) = parse("Kd 1 1 1\n\nnewmtl caf\u{e9} au lait\nKd 1\nnewmtl\nKd 0");
         assert_eq!(materials[0].statements.name, "caf\u{e9} au lait");
         assert_eq!(materials[0].place.line, 3);
         assert_eq!(materials[1].place.line, 5);

@@ -36,11 +36,7 @@ impl<R: Read> Normalizer<R> {
     pub fn explain(&mut self, reason: &str) -> SceneError {
         self.error.take().unwrap_or_else(|| {
             let what = format!("cannot read `{}`: {reason}", excerpt(&self.out));
-            SceneError::bad_data(
-                self.lines.place(),
-                what,
-                "write numbers as in `v 1.5 -2 3e-4`",
-            )
+            SceneError::bad_data(self.lines.place(), what, "write numbers as in `v 1.5 -2 3e-4`")
         })
     }
 

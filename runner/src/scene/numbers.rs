@@ -4,10 +4,7 @@ use std::io::Write as _;
 
 /// Whether a number is written so that it can be neither infinite nor NaN, and needs no closer look.
 pub fn is_plain(word: &[u8]) -> bool {
-    word.len() <= 16
-        && word
-            .iter()
-            .all(|byte| matches!(byte, b'0'..=b'9' | b'.' | b'-' | b'+'))
+    word.len() <= 16 && word.iter().all(|byte| matches!(byte, b'0'..=b'9' | b'.' | b'-' | b'+'))
 }
 
 /// The number that a word is, if it is one: infinite and NaN too.

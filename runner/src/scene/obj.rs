@@ -27,23 +27,12 @@ pub struct ObjFile {
 ///
 /// # Errors
 /// When reading fails, a statement is malformed, or the file holds no triangle.
-pub fn read(
-    reader: impl Read,
-    file: &str,
-    max_bytes: u64,
-    warnings: &mut Warnings,
-) -> Result<ObjFile, SceneError> {
+pub fn read(reader: impl Read, file: &str, max_bytes: u64, warnings: &mut Warnings) -> Result<ObjFile, SceneError> {
     let mut normalizer = Normalizer::new(reader, file, max_bytes);
-    let options = tobj::LoadOptions {
-        triangulate: true,
-        single_index: true,
-        ..Default::default()
-    };
+    let options = tobj::LoadOptions { triangulate: true, single_index: true, ..Default::default() };
     // The statements that reach tobj are checked, so it has no reason to panic; if it does, the viewer goes on.
     let models = catch_unwind(AssertUnwindSafe(|| {
-        tobj::load_obj_buf(&mut normalizer, &options, |_| {
-            Err(tobj::LoadError::OpenFileFailed)
-        })
+        tobj::load_obj_buf(&mut normalizer, &options, |_| Err(tobj::LoadError::OpenFileFailed))
     }));
     let models = match models {
         Ok(Ok((models, _))) => models,
@@ -54,34 +43,19 @@ pub fn read(
     statements.finish();
     warnings.append(statements.warnings);
 
-    let mut mesh = Mesh {
-        name: file.to_owned(),
-        ..Mesh::default()
-    };
+    let mut mesh = Mesh { name: file.to_owned(), ..Mesh::default() };
     let no_material = statements.material_names.len() as u32;
     let (mut without_area, mut not_finite) = (0, 0);
     for model in models {
         let material = model.name.parse().unwrap_or(no_material);
-        let tobj::Mesh {
-            positions,
-            normals,
-            texcoords,
-            indices,
-            ..
-        } = model.mesh;
+        let tobj::Mesh { positions, normals, texcoords, indices, .. } = model.mesh;
         let first = mesh.positions.len() as u32;
-        mesh.positions
-            .extend(positions.chunks_exact(3).map(Vec3::from_slice));
+        mesh.positions.extend(positions.chunks_exact(3).map(Vec3::from_slice));
         if statements.has_normals {
-            mesh.normals.extend(
-                normals
-                    .chunks_exact(3)
-                    .map(|normal| unit_or_zero(Vec3::from_slice(normal))),
-            );
+            mesh.normals.extend(normals.chunks_exact(3).map(|normal| unit_or_zero(Vec3::from_slice(normal))));
         }
         if statements.has_uvs {
-            mesh.uvs
-                .extend(texcoords.chunks_exact(2).map(Vec2::from_slice));
+            mesh.uvs.extend(texcoords.chunks_exact(2).map(Vec2::from_slice));
         }
         for corners in indices.chunks_exact(3) {
             let triangle = [first + corners[0], first + corners[1], first + corners[2]];
@@ -101,9 +75,8 @@ pub fn read(
     warnings.push_count(Place::new(file, 0), not_finite, |n| {
         format!("triangles dropped because a vertex is not finite: {n}")
     });
-    warnings.push_count(Place::new(file, 0), without_area, |n| {
-        format!("triangles dropped because they have no area: {n}")
-    });
+    warnings
+        .push_count(Place::new(file, 0), without_area, |n| format!("triangles dropped because they have no area: {n}"));
     if mesh.triangles.is_empty() {
         let what = match without_area + not_finite {
             0 => "the file holds no triangles".to_owned(),
@@ -114,22 +87,14 @@ pub fn read(
         let help = "check that this is a Wavefront OBJ file with faces (`f`)";
         return Err(SceneError::bad_data(Place::new(file, 0), what, help));
     }
-    let (material_names, material_libraries) =
-        (statements.material_names, statements.material_libraries);
-    Ok(ObjFile {
-        mesh,
-        material_names,
-        material_libraries,
-    })
+    let (material_names, material_libraries) = (statements.material_names, statements.material_libraries);
+    Ok(ObjFile { mesh, material_names, material_libraries })
 }
 
 /// Length 1, or zero where there is no direction.
 fn unit_or_zero(normal: Vec3) -> Vec3 {
     // In f64, because the square of a short or long f32 vector is 0 or infinite.
-    normal
-        .as_dvec3()
-        .try_normalize()
-        .map_or(Vec3::ZERO, |unit| unit.as_vec3())
+    normal.as_dvec3().try_normalize().map_or(Vec3::ZERO, |unit| unit.as_vec3())
 }
 
 /// Keeps the triangles whose material index passes the test.
@@ -143,10 +108,7 @@ pub fn retain_materials(mesh: &mut Mesh, keep: impl Fn(u32) -> bool) {
 pub fn drop_unused_vertices(mesh: &mut Mesh) {
     const UNUSED: u32 = u32::MAX;
     let mut new_index = vec![UNUSED; mesh.positions.len()];
-    mesh.triangles
-        .iter()
-        .flatten()
-        .for_each(|&index| new_index[index as usize] = 0);
+    mesh.triangles.iter().flatten().for_each(|&index| new_index[index as usize] = 0);
     if !new_index.contains(&UNUSED) {
         return;
     }
@@ -159,10 +121,7 @@ pub fn drop_unused_vertices(mesh: &mut Mesh) {
     compact(&mut mesh.positions, &new_index);
     compact(&mut mesh.normals, &new_index);
     compact(&mut mesh.uvs, &new_index);
-    mesh.triangles
-        .iter_mut()
-        .flatten()
-        .for_each(|index| *index = new_index[*index as usize]);
+    mesh.triangles.iter_mut().flatten().for_each(|index| *index = new_index[*index as usize]);
 }
 
 #[cfg(test)]
@@ -172,14 +131,7 @@ mod tests {
     fn parse(text: &str) -> (ObjFile, Vec<String>) {
         let mut warnings = Warnings::default();
         let obj = read(text.as_bytes(), "t.obj", u64::MAX, &mut warnings).expect("valid");
-        (
-            obj,
-            warnings
-                .into_vec()
-                .iter()
-                .map(ToString::to_string)
-                .collect(),
-        )
+        (obj, warnings.into_vec().iter().map(ToString::to_string).collect())
     }
 
     #[test]
@@ -194,10 +146,7 @@ mod tests {
     fn a_file_without_normals_has_none() {
         let (obj, _) = parse("v 0 0 0\nv 1 0 0\nv 0 1 0\nvn 0 0 1\nvt 0.5 0.25\nf 1/1 2/1 3");
         assert!(obj.mesh.normals.is_empty());
-        assert_eq!(
-            obj.mesh.uvs,
-            [Vec2::new(0.5, 0.25), Vec2::new(0.5, 0.25), Vec2::ZERO]
-        );
+        assert_eq!(obj.mesh.uvs, [Vec2::new(0.5, 0.25), Vec2::new(0.5, 0.25), Vec2::ZERO]);
     }
 
     #[test]
@@ -226,26 +175,16 @@ mod tests {
 
     #[test]
     fn vertices_beyond_reach_take_their_triangles_with_them() {
-        let (obj, warnings) =
-            parse("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1e39 0 0\nv nan 0 0\nf 1 2 3\nf 1 2 4\nf 5 2 3");
+        let (obj, warnings) = parse("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1e39 0 0\nv nan 0 0\nf 1 2 3\nf 1 2 4\nf 5 2 3");
         assert_eq!(obj.mesh.triangles.len(), 1);
-        assert!(
-            warnings[0].starts_with("t.obj:4: vertices with coordinates that are not finite"),
-            "{warnings:?}"
-        );
-        assert_eq!(
-            warnings[1],
-            "t.obj: triangles dropped because a vertex is not finite: 2"
-        );
+        assert!(warnings[0].starts_with("t.obj:4: vertices with coordinates that are not finite"), "{warnings:?}");
+        assert_eq!(warnings[1], "t.obj: triangles dropped because a vertex is not finite: 2");
     }
 
     #[test]
     fn homogeneous_coordinates_are_divided_and_colours_stripped() {
         let (obj, warnings) = parse("v 0 0 0 2\nv 2 0 0 2\nv 0 1 0 0.5 0.5 0.5\nf 1 2 3");
         assert_eq!(obj.mesh.positions, [Vec3::ZERO, Vec3::X, Vec3::Y]);
-        assert_eq!(
-            warnings,
-            ["t.obj:3: vertex colours are ignored (1 in all, the first on this line)"]
-        );
+        assert_eq!(warnings, ["t.obj:3: vertex colours are ignored (1 in all, the first on this line)"]);
     }
 }

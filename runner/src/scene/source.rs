@@ -41,17 +41,11 @@ impl Opened {
     /// When the file is larger, or reading fails.
     pub fn read(self, max_bytes: u64) -> Result<Vec<u8>, SourceError> {
         if self.bytes > max_bytes {
-            return Err(SourceError::TooLarge {
-                bytes: self.bytes,
-                max_bytes,
-            });
+            return Err(SourceError::TooLarge { bytes: self.bytes, max_bytes });
         }
         let mut contents = Vec::with_capacity(self.bytes as usize);
         // One byte more than allowed shows that the file has grown meanwhile.
-        self.reader
-            .take(max_bytes.saturating_add(1))
-            .read_to_end(&mut contents)
-            .map_err(SourceError::Io)?;
+        self.reader.take(max_bytes.saturating_add(1)).read_to_end(&mut contents).map_err(SourceError::Io)?;
         match contents.len() as u64 {
             bytes if bytes > max_bytes => Err(SourceError::TooLarge { bytes, max_bytes }),
             _ => Ok(contents),
@@ -92,8 +86,7 @@ fn portable(name: &str) -> String {
 /// Whether a name with forward slashes is absolute on any system.
 fn is_absolute(name: &str) -> bool {
     let bytes = name.as_bytes();
-    name.starts_with('/')
-        || (bytes.len() >= 2 && bytes[0].is_ascii_alphabetic() && bytes[1] == b':')
+    name.starts_with('/') || (bytes.len() >= 2 && bytes[0].is_ascii_alphabetic() && bytes[1] == b':')
 }
 
 /// The last part of a name, if it can be the name of a file.
@@ -127,11 +120,7 @@ pub fn locate(source: &dyn Source, folder: &str, name: &str) -> Result<Located, 
     for candidate in candidates {
         match source.open(&candidate) {
             Ok(file) => {
-                return Ok(Located {
-                    name: candidate,
-                    file,
-                    replaced: None,
-                });
+                return Ok(Located { name: candidate, file, replaced: None });
             }
             Err(error) => _ = reason.get_or_insert(error),
         }
@@ -139,11 +128,7 @@ pub fn locate(source: &dyn Source, folder: &str, name: &str) -> Result<Located, 
     let reason = reason.unwrap_or(SourceError::NotFound);
     let found = base_name(&name).and_then(|base| source.find(base));
     match found.and_then(|name| source.open(&name).ok().map(|file| (name, file))) {
-        Some((name, file)) => Ok(Located {
-            name,
-            file,
-            replaced: Some(reason),
-        }),
+        Some((name, file)) => Ok(Located { name, file, replaced: Some(reason) }),
         None => Err(reason),
     }
 }
@@ -166,63 +151,39 @@ impl Directory {
     pub fn of_scene(scene: &Path, asset_root: Option<&Path>) -> Result<(Self, String), SceneError> {
         let shown = scene.display().to_string();
         let resolved = scene.canonicalize().map_err(|error| match error.kind() {
-            io::ErrorKind::NotFound => {
-                SceneError::no_input(&shown, "there is no such file", "check the path")
+            io::ErrorKind::NotFound => SceneError::no_input(&shown, "there is no such file", "check the path"),
+            _ => {
+                SceneError::no_input(&shown, format!("cannot be opened: {error}"), "check the path and its permissions")
             }
-            _ => SceneError::no_input(
-                &shown,
-                format!("cannot be opened: {error}"),
-                "check the path and its permissions",
-            ),
         })?;
         if !resolved.is_file() {
-            return Err(SceneError::no_input(
-                &shown,
-                "is not a regular file",
-                "name the .obj file itself",
-            ));
+            return Err(SceneError::no_input(&shown, "is not a regular file", "name the .obj file itself"));
         }
         let name = resolved
             .file_name()
             .and_then(|name| name.to_str().map(str::to_owned))
-            .ok_or_else(|| {
-                SceneError::no_input(&shown, "its name is not valid Unicode", "rename the file")
-            })?;
+            .ok_or_else(|| SceneError::no_input(&shown, "its name is not valid Unicode", "rename the file"))?;
         let shown_folder = scene.parent().unwrap_or(Path::new("")).to_owned();
         let folder = resolved.parent().unwrap_or(Path::new("/")).to_owned();
         let mut roots = vec![(shown_folder.clone(), folder)];
         // A link to the scene file: what lies beside the link belongs to the scene as well.
-        let beside = if shown_folder.as_os_str().is_empty() {
-            Path::new(".")
-        } else {
-            &shown_folder
-        };
+        let beside = if shown_folder.as_os_str().is_empty() { Path::new(".") } else { &shown_folder };
         if let Ok(beside) = beside.canonicalize()
             && beside != roots[0].1
         {
             roots.push((shown_folder, beside));
         }
         if let Some(root) = asset_root {
-            let resolved = root
-                .canonicalize()
-                .ok()
-                .filter(|path| path.is_dir())
-                .ok_or_else(|| {
-                    SceneError::no_input(
-                        root.display().to_string(),
-                        "the asset root is not a folder",
-                        "check `--asset-root`",
-                    )
-                })?;
+            let resolved = root.canonicalize().ok().filter(|path| path.is_dir()).ok_or_else(|| {
+                SceneError::no_input(
+                    root.display().to_string(),
+                    "the asset root is not a folder",
+                    "check `--asset-root`",
+                )
+            })?;
             roots.push((root.to_owned(), resolved));
         }
-        Ok((
-            Self {
-                roots,
-                by_base_name: OnceLock::new(),
-            },
-            name,
-        ))
+        Ok((Self { roots, by_base_name: OnceLock::new() }, name))
     }
 
     /// Every regular file below the roots, by lower-case base name; of equal ones the first, a folder before those in it.
@@ -240,19 +201,15 @@ impl Directory {
                 entries.sort_by_key(|entry| std::cmp::Reverse(entry.file_name()));
                 let files_first = entries.iter().rev();
                 for entry in files_first {
-                    let (Ok(kind), Ok(name)) = (entry.file_type(), entry.file_name().into_string())
-                    else {
+                    let (Ok(kind), Ok(name)) = (entry.file_type(), entry.file_name().into_string()) else {
                         continue;
                     };
                     if kind.is_file() {
-                        index
-                            .entry(name.to_lowercase())
-                            .or_insert_with(|| format!("{prefix}{name}"));
+                        index.entry(name.to_lowercase()).or_insert_with(|| format!("{prefix}{name}"));
                     }
                 }
                 for entry in entries {
-                    let (Ok(kind), Ok(name)) = (entry.file_type(), entry.file_name().into_string())
-                    else {
+                    let (Ok(kind), Ok(name)) = (entry.file_type(), entry.file_name().into_string()) else {
                         continue;
                     };
                     if kind.is_dir() && depth < max_depth {
@@ -277,11 +234,7 @@ impl Source for Directory {
             let Ok(resolved) = root.join(&name).canonicalize() else {
                 continue;
             };
-            if !self
-                .roots
-                .iter()
-                .any(|(_, root)| resolved.starts_with(root))
-            {
+            if !self.roots.iter().any(|(_, root)| resolved.starts_with(root)) {
                 reason = SourceError::Outside;
                 continue;
             }
@@ -303,10 +256,7 @@ impl Source for Directory {
     }
 
     fn find(&self, base_name: &str) -> Option<String> {
-        self.by_base_name
-            .get_or_init(|| self.index())
-            .get(&base_name.to_lowercase())
-            .cloned()
+        self.by_base_name.get_or_init(|| self.index()).get(&base_name.to_lowercase()).cloned()
     }
 }
 
@@ -326,9 +276,7 @@ impl Memory {
 impl<N: Into<String>, C: AsRef<[u8]>> FromIterator<(N, C)> for Memory {
     fn from_iter<I: IntoIterator<Item = (N, C)>>(files: I) -> Self {
         let mut memory = Self::default();
-        files
-            .into_iter()
-            .for_each(|(name, contents)| memory.insert(name, contents));
+        files.into_iter().for_each(|(name, contents)| memory.insert(name, contents));
         memory
     }
 }
@@ -347,8 +295,7 @@ impl Source for Memory {
     }
 
     fn find(&self, base: &str) -> Option<String> {
-        let same =
-            |name: &&String| base_name(name).is_some_and(|other| other.eq_ignore_ascii_case(base));
+        let same = |name: &&String| base_name(name).is_some_and(|other| other.eq_ignore_ascii_case(base));
         self.files.keys().find(same).cloned()
     }
 }

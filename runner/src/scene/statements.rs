@@ -24,21 +24,12 @@ const FACES_PER_MODEL: u32 = 1 << 18;
 const MAX_COORDINATE: f64 = 1e9;
 
 /// Statements without a meaning for triangle meshes, ignored in silence.
-const SILENT: [&[u8]; 8] = [
-    b"o",
-    b"g",
-    b"s",
-    b"mg",
-    b"lod",
-    b"bevel",
-    b"c_interp",
-    b"d_interp",
-];
+const SILENT: [&[u8]; 8] = [b"o", b"g", b"s", b"mg", b"lod", b"bevel", b"c_interp", b"d_interp"];
 
 /// Curves, surfaces, lines and points: geometry, but nothing to trace.
 const NOT_TRIANGLES: [&[u8]; 18] = [
-    b"l", b"p", b"vp", b"cstype", b"deg", b"bmat", b"step", b"curv", b"curv2", b"surf", b"parm",
-    b"trim", b"hole", b"scrv", b"sp", b"con", b"ctech", b"end",
+    b"l", b"p", b"vp", b"cstype", b"deg", b"bmat", b"step", b"curv", b"curv2", b"surf", b"parm", b"trim", b"hole",
+    b"scrv", b"sp", b"con", b"ctech", b"end",
 ];
 
 /// Material libraries beyond this many are not opened.
@@ -48,11 +39,7 @@ pub const MAX_LIBRARIES: usize = 256;
 const MAX_UNKNOWN: usize = 8;
 
 /// The lists that a corner of a face refers to, in the order of `v/vt/vn`.
-const LISTS: [&str; 3] = [
-    "vertices (`v`)",
-    "texture coordinates (`vt`)",
-    "normals (`vn`)",
-];
+const LISTS: [&str; 3] = ["vertices (`v`)", "texture coordinates (`vt`)", "normals (`vn`)"];
 
 /// How often something happened, and on which line first.
 #[derive(Clone, Copy, Default)]
@@ -132,12 +119,7 @@ impl Statements {
     ///
     /// # Errors
     /// When the statement is malformed, or refers to what the file does not hold so far.
-    pub fn rewrite(
-        &mut self,
-        number: u64,
-        line: &[u8],
-        out: &mut Vec<u8>,
-    ) -> Result<(), SceneError> {
+    pub fn rewrite(&mut self, number: u64, line: &[u8], out: &mut Vec<u8>) -> Result<(), SceneError> {
         let (keyword, rest) = split_keyword(line);
         match keyword {
             b"v" => self.position(number, rest, out),
@@ -163,30 +145,12 @@ impl Statements {
     pub fn finish(&mut self) {
         let mut tallies = [
             (self.colored, "vertex colours are ignored"),
-            (
-                self.positions_not_finite,
-                "vertices with coordinates that are not finite, or beyond 1e9, are not used",
-            ),
-            (
-                self.uvs_not_finite,
-                "texture coordinates that are not finite were replaced by (0, 0)",
-            ),
-            (
-                self.normals_not_finite,
-                "normals that are not finite were dropped",
-            ),
-            (
-                self.not_triangles,
-                "lines, points, curves and surfaces are ignored, only faces (`f`) are drawn",
-            ),
-            (
-                self.too_few_corners,
-                "faces with fewer than three corners were dropped",
-            ),
-            (
-                self.too_many_libraries,
-                "material libraries beyond the 256th are not opened",
-            ),
+            (self.positions_not_finite, "vertices with coordinates that are not finite, or beyond 1e9, are not used"),
+            (self.uvs_not_finite, "texture coordinates that are not finite were replaced by (0, 0)"),
+            (self.normals_not_finite, "normals that are not finite were dropped"),
+            (self.not_triangles, "lines, points, curves and surfaces are ignored, only faces (`f`) are drawn"),
+            (self.too_few_corners, "faces with fewer than three corners were dropped"),
+            (self.too_many_libraries, "material libraries beyond the 256th are not opened"),
         ];
         tallies.sort_by_key(|(tally, _)| tally.first_line);
         for (tally, what) in tallies {
@@ -203,11 +167,7 @@ impl Statements {
 
     fn malformed(&self, line: u64, keyword: &str, rest: &[u8], help: &str) -> SceneError {
         let statement = format!("{keyword} {}", excerpt(rest));
-        SceneError::bad_data(
-            self.place(line),
-            format!("malformed statement `{}`", statement.trim()),
-            help,
-        )
+        SceneError::bad_data(self.place(line), format!("malformed statement `{}`", statement.trim()), help)
     }
 
     /// Counts an element of list `list`.
@@ -215,11 +175,7 @@ impl Statements {
         self.counts[list] += 1;
         if self.counts[list] > MAX_ELEMENTS {
             let what = format!("more than {MAX_ELEMENTS} {}", LISTS[list]);
-            return Err(SceneError::bad_data(
-                self.place(line),
-                what,
-                "split the scene, or simplify it",
-            ));
+            return Err(SceneError::bad_data(self.place(line), what, "split the scene, or simplify it"));
         }
         Ok(())
     }
@@ -245,17 +201,8 @@ impl Statements {
         let weighted = count == 4;
         out.extend_from_slice(b"v");
         if weighted || columns[..3].iter().any(|word| !is_plain(word)) {
-            let weight = if weighted {
-                parse(columns[3])
-            } else {
-                Some(1.0)
-            };
-            let parsed = (
-                parse(columns[0]),
-                parse(columns[1]),
-                parse(columns[2]),
-                weight,
-            );
+            let weight = if weighted { parse(columns[3]) } else { Some(1.0) };
+            let parsed = (parse(columns[0]), parse(columns[1]), parse(columns[2]), weight);
             let (Some(x), Some(y), Some(z), Some(w)) = parsed else {
                 return Err(self.malformed(line, "v", rest, HELP));
             };
@@ -281,10 +228,7 @@ impl Statements {
         // With one column, the texture is a line.
         let columns = [u, columns.next().unwrap_or(b"0")];
         self.count(line, 1)?;
-        if columns
-            .iter()
-            .all(|word| is_plain(word) || parse(word).is_none_or(|x| x.abs() <= MAX_COORDINATE))
-        {
+        if columns.iter().all(|word| is_plain(word) || parse(word).is_none_or(|x| x.abs() <= MAX_COORDINATE)) {
             out.extend_from_slice(b"vt");
             columns.iter().for_each(|word| write_word(out, word));
             out.push(b'\n');
@@ -302,10 +246,7 @@ impl Statements {
         };
         let columns = [x, y, z];
         self.count(line, 2)?;
-        if columns
-            .iter()
-            .all(|word| is_plain(word) || parse(word).is_none_or(|x| x.abs() <= MAX_COORDINATE))
-        {
+        if columns.iter().all(|word| is_plain(word) || parse(word).is_none_or(|x| x.abs() <= MAX_COORDINATE)) {
             out.extend_from_slice(b"vn");
             columns.iter().for_each(|word| write_word(out, word));
             out.push(b'\n');
@@ -317,8 +258,7 @@ impl Statements {
     }
 
     fn face(&mut self, line: u64, rest: &[u8], out: &mut Vec<u8>) -> Result<(), SceneError> {
-        const HELP: &str =
-            "a face is `f` and three or more of `v`, `v/vt`, `v//vn` or `v/vt/vn`, whole numbers";
+        const HELP: &str = "a face is `f` and three or more of `v`, `v/vt`, `v//vn` or `v/vt/vn`, whole numbers";
         out.extend_from_slice(b"f");
         let mut corners = 0_u64;
         for word in words(rest) {
@@ -353,11 +293,7 @@ impl Statements {
         self.triangles += corners - 2;
         if self.triangles > u64::from(MAX_ELEMENTS) {
             let what = format!("more than {MAX_ELEMENTS} triangles");
-            return Err(SceneError::bad_data(
-                self.place(line),
-                what,
-                "split the scene, or simplify it",
-            ));
+            return Err(SceneError::bad_data(self.place(line), what, "split the scene, or simplify it"));
         }
         self.faces_in_model += 1;
         if self.faces_in_model == FACES_PER_MODEL {
@@ -373,21 +309,13 @@ impl Statements {
         if (1..=count).contains(&resolved) {
             return Ok(resolved as u32);
         }
-        let what = format!(
-            "the face refers to number {index} of the {}, but there are {count} so far",
-            LISTS[list]
-        );
-        let help =
-            "indices count from 1, or back from -1, and what they refer to comes before the face";
+        let what = format!("the face refers to number {index} of the {}, but there are {count} so far", LISTS[list]);
+        let help = "indices count from 1, or back from -1, and what they refer to comes before the face";
         Err(SceneError::bad_data(self.place(line), what, help))
     }
 
     fn use_library(&mut self, line: u64, names: String) {
-        if self
-            .material_libraries
-            .iter()
-            .any(|(known, _)| *known == names)
-        {
+        if self.material_libraries.iter().any(|(known, _)| *known == names) {
             return;
         }
         match self.material_libraries.len() {
@@ -399,17 +327,13 @@ impl Statements {
     fn use_material(&mut self, line: u64, rest: &[u8], out: &mut Vec<u8>) {
         let name = decode(rest);
         if name.is_empty() {
-            self.warnings.push(
-                self.place(line),
-                "`usemtl` without a name; a grey material is used",
-            );
+            self.warnings.push(self.place(line), "`usemtl` without a name; a grey material is used");
         }
         let number = match self.material_numbers.get(&name) {
             Some(&number) => number,
             None => {
                 self.material_names.push(name.clone());
-                self.material_numbers
-                    .insert(name, self.material_names.len() - 1);
+                self.material_numbers.insert(name, self.material_names.len() - 1);
                 self.material_names.len() - 1
             }
         };
@@ -434,14 +358,9 @@ impl Statements {
         }
         if NOT_TRIANGLES.contains(&keyword) {
             self.not_triangles.add(line);
-        } else if self.unknown.len() < MAX_UNKNOWN
-            && !self.unknown.iter().any(|known| known == keyword)
-        {
+        } else if self.unknown.len() < MAX_UNKNOWN && !self.unknown.iter().any(|known| known == keyword) {
             self.unknown.push(keyword.to_vec());
-            let message = format!(
-                "unknown statement `{}` is ignored, here and below",
-                excerpt(keyword)
-            );
+            let message = format!("unknown statement `{}` is ignored, here and below", excerpt(keyword));
             self.warnings.push(self.place(line), message);
         }
     }

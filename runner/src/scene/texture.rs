@@ -4,9 +4,7 @@ use std::collections::HashMap;
 use std::io::Cursor;
 use std::panic::catch_unwind;
 
-use image::{
-    ColorType, DynamicImage, ExtendedColorType, ImageDecoder, ImageFormat, ImageReader, Limits,
-};
+use image::{ColorType, DynamicImage, ExtendedColorType, ImageDecoder, ImageFormat, ImageReader, Limits};
 use rayon::prelude::*;
 
 use super::Texture;
@@ -59,13 +57,7 @@ struct Inspected {
 impl<'a> Textures<'a> {
     /// None yet.
     pub fn new(source: &'a dyn Source, max_file_bytes: u64) -> Self {
-        Self {
-            source,
-            max_file_bytes,
-            requests: Vec::new(),
-            by_name: HashMap::new(),
-            by_key: HashMap::new(),
-        }
+        Self { source, max_file_bytes, requests: Vec::new(), by_name: HashMap::new(), by_key: HashMap::new() }
     }
 
     /// Asks for the file that a library in `folder` calls `name`; returns what stands for it in [`Self::read`].
@@ -84,30 +76,19 @@ impl<'a> Textures<'a> {
         let number = match locate(self.source, folder, name) {
             Ok(located) => {
                 if let Some(reason) = located.replaced {
-                    let message = format!(
-                        "texture `{name}`: {reason}; `{}` is used in its place",
-                        located.name
-                    );
+                    let message = format!("texture `{name}`: {reason}; `{}` is used in its place", located.name);
                     warnings.push(place.clone(), message);
                 }
                 let next = self.requests.len();
                 let number = *self.by_key.entry((located.file.key, kind)).or_insert(next);
                 if number == next {
                     let (name, path, place) = (located.name, located.file.path, place.clone());
-                    self.requests.push(Request {
-                        name,
-                        path,
-                        kind,
-                        place,
-                    });
+                    self.requests.push(Request { name, path, kind, place });
                 }
                 Some(number)
             }
             Err(reason) => {
-                warnings.push(
-                    place.clone(),
-                    format!("texture `{name}` is left out: {reason}"),
-                );
+                warnings.push(place.clone(), format!("texture `{name}` is left out: {reason}"));
                 None
             }
         };
@@ -119,17 +100,8 @@ impl<'a> Textures<'a> {
     ///
     /// Returns the textures, and for each request the index of its texture, if it could be read. Files with equal
     /// contents share one.
-    pub fn read(
-        self,
-        budget_bytes: u64,
-        warnings: &mut Warnings,
-    ) -> (Vec<Texture>, Vec<Option<u32>>) {
-        let inspected: Vec<_> = self
-            .requests
-            .par_iter()
-            .with_max_len(1)
-            .map(|request| self.inspect(request))
-            .collect();
+    pub fn read(self, budget_bytes: u64, warnings: &mut Warnings) -> (Vec<Texture>, Vec<Option<u32>>) {
+        let inspected: Vec<_> = self.requests.par_iter().with_max_len(1).map(|request| self.inspect(request)).collect();
 
         let mut unique: Vec<(&Request, Inspected)> = Vec::new();
         let mut by_digest = HashMap::new();
@@ -138,15 +110,10 @@ impl<'a> Textures<'a> {
             index_of_request.push(match inspected {
                 Ok(image) => {
                     let next = unique.len();
-                    let index = *by_digest
-                        .entry((image.digest, request.kind))
-                        .or_insert(next);
+                    let index = *by_digest.entry((image.digest, request.kind)).or_insert(next);
                     if index == next {
                         if let Some(note) = image.note {
-                            warnings.push(
-                                request.place.clone(),
-                                format!("texture `{}` {note}", request.path),
-                            );
+                            warnings.push(request.place.clone(), format!("texture `{}` {note}", request.path));
                         }
                         unique.push((request, image));
                     }
@@ -170,30 +137,17 @@ impl<'a> Textures<'a> {
         }
 
         let (textures, index_of_unique) = decode_all(unique.into_iter().zip(halvings), warnings);
-        let index_of_request = index_of_request
-            .into_iter()
-            .map(|index| index.and_then(|index: usize| index_of_unique[index]));
+        let index_of_request =
+            index_of_request.into_iter().map(|index| index.and_then(|index: usize| index_of_unique[index]));
         (textures, index_of_request.collect())
     }
 
     /// Reads a file and its header, and refuses what is too large before any of it is decoded.
     fn inspect(&self, request: &Request) -> Result<Inspected, String> {
-        let opened = self
-            .source
-            .open(&request.name)
-            .map_err(|error| error.to_string())?;
-        let contents = opened
-            .read(self.max_file_bytes)
-            .map_err(|error| error.to_string())?;
+        let opened = self.source.open(&request.name).map_err(|error| error.to_string())?;
+        let contents = opened.read(self.max_file_bytes).map_err(|error| error.to_string())?;
         let (format, size, decoded_bytes, note) = inspect_header(&contents)?;
-        Ok(Inspected {
-            digest: blake3::hash(&contents),
-            contents,
-            format,
-            size,
-            decoded_bytes,
-            note,
-        })
+        Ok(Inspected { digest: blake3::hash(&contents), contents, format, size, decoded_bytes, note })
     }
 }
 
@@ -218,20 +172,14 @@ pub(super) fn check_size(
     const ALWAYS_ACCEPTED_BYTES: u64 = 16 << 20;
     let (width, height) = size;
     if width == 0 || height == 0 || width > MAX_SIDE || height > MAX_SIDE {
-        return Err(format!(
-            "it has {width}x{height} pixels, the limit is {MAX_SIDE}x{MAX_SIDE}"
-        ));
+        return Err(format!("it has {width}x{height} pixels, the limit is {MAX_SIDE}x{MAX_SIDE}"));
     }
     if decoded_bytes > MAX_DECODED_BYTES {
         let (mib, limit) = (decoded_bytes >> 20, MAX_DECODED_BYTES >> 20);
-        return Err(format!(
-            "{width}x{height} pixels need {mib} MiB, the limit is {limit} MiB"
-        ));
+        return Err(format!("{width}x{height} pixels need {mib} MiB, the limit is {limit} MiB"));
     }
     if decoded_bytes > ALWAYS_ACCEPTED_BYTES + max_ratio * file_bytes as u64 {
-        return Err(format!(
-            "{width}x{height} pixels cannot be in a file of {file_bytes} bytes"
-        ));
+        return Err(format!("{width}x{height} pixels cannot be in a file of {file_bytes} bytes"));
     }
     Ok(())
 }
@@ -240,9 +188,7 @@ type Header = (ImageFormat, (u32, u32), u64, Option<&'static str>);
 
 fn inspect_header(contents: &[u8]) -> Result<Header, String> {
     let guarded = catch_unwind(|| {
-        let mut reader = ImageReader::new(Cursor::new(contents))
-            .with_guessed_format()
-            .map_err(|e| e.to_string())?;
+        let mut reader = ImageReader::new(Cursor::new(contents)).with_guessed_format().map_err(|e| e.to_string())?;
         let format = match reader.format() {
             Some(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => format,
             _ => return Err("its format is not supported (PNG and JPEG are)".to_owned()),
@@ -250,32 +196,17 @@ fn inspect_header(contents: &[u8]) -> Result<Header, String> {
         reader.limits(limits());
         let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
         // Deflate reaches 1032:1.
-        check_size(
-            decoder.dimensions(),
-            decoder.total_bytes(),
-            contents.len(),
-            1100,
-        )?;
+        check_size(decoder.dimensions(), decoder.total_bytes(), contents.len(), 1100)?;
         let note = match decoder.original_color_type() {
             ExtendedColorType::Cmyk8 => Some("was converted from CMYK without a colour profile"),
-            _ if decoder.color_type().bits_per_pixel()
-                / u16::from(decoder.color_type().channel_count())
-                > 8 =>
-            {
+            _ if decoder.color_type().bits_per_pixel() / u16::from(decoder.color_type().channel_count()) > 8 => {
                 Some("was reduced from 16 to 8 bits a channel")
             }
-            _ if format == ImageFormat::Png && is_animated(contents) => {
-                Some("is animated; its first frame is used")
-            }
+            _ if format == ImageFormat::Png && is_animated(contents) => Some("is animated; its first frame is used"),
             _ => None,
         };
         let texel_bytes = 4 * u64::from(decoder.dimensions().0) * u64::from(decoder.dimensions().1);
-        Ok((
-            format,
-            decoder.dimensions(),
-            decoder.total_bytes() + texel_bytes,
-            note,
-        ))
+        Ok((format, decoder.dimensions(), decoder.total_bytes() + texel_bytes, note))
     });
     guarded.unwrap_or_else(|_| Err("the decoder failed".to_owned()))
 }
@@ -283,10 +214,7 @@ fn inspect_header(contents: &[u8]) -> Result<Header, String> {
 /// Whether a PNG file has an animation control chunk, which comes before the first image data.
 fn is_animated(contents: &[u8]) -> bool {
     let head = &contents[..contents.len().min(4096)];
-    let head = head
-        .windows(4)
-        .position(|chunk| chunk == b"IDAT")
-        .map_or(head, |end| &head[..end]);
+    let head = head.windows(4).position(|chunk| chunk == b"IDAT").map_or(head, |end| &head[..end]);
     head.windows(4).any(|chunk| chunk == b"acTL")
 }
 
@@ -304,9 +232,9 @@ fn decode_all<'r>(
         // As many as may be decoded at a time, and at least one.
         let mut batch = Vec::new();
         let mut bytes = 0;
-        while let Some(next) = rest.next_if(|((_, image), _)| {
-            batch.is_empty() || bytes + image.decoded_bytes <= MAX_DECODED_BYTES
-        }) {
+        while let Some(next) =
+            rest.next_if(|((_, image), _)| batch.is_empty() || bytes + image.decoded_bytes <= MAX_DECODED_BYTES)
+        {
             bytes += next.0.1.decoded_bytes;
             batch.push(next);
         }
@@ -341,13 +269,7 @@ fn decode(request: &Request, image: Inspected, halvings: u32) -> Result<Texture,
     let decoded = guarded.unwrap_or_else(|_| Err("the decoder failed".to_owned()))?;
     let (width, height) = (decoded.width(), decoded.height());
     let texels = texels(decoded, request.kind);
-    let mut texture = Texture {
-        name: request.path.clone(),
-        width,
-        height,
-        srgb: request.kind == Kind::Color,
-        texels,
-    };
+    let mut texture = Texture { name: request.path.clone(), width, height, srgb: request.kind == Kind::Color, texels };
     (0..halvings).for_each(|_| downscale::halve(&mut texture));
     Ok(texture)
 }
@@ -359,17 +281,10 @@ fn texels(image: DynamicImage, kind: Kind) -> Vec<u32> {
         image.into_bytes().chunks_exact(3).map(opaque).collect()
     } else {
         let texel = |rgba: &[u8]| u32::from_le_bytes([rgba[0], rgba[1], rgba[2], rgba[3]]);
-        image
-            .into_rgba8()
-            .into_raw()
-            .chunks_exact(4)
-            .map(texel)
-            .collect()
+        image.into_rgba8().into_raw().chunks_exact(4).map(texel).collect()
     };
     if kind == Kind::Mask && has_alpha && texels.iter().any(|texel| texel >> 24 != 255) {
-        texels
-            .iter_mut()
-            .for_each(|texel| *texel = (*texel >> 24) * 0x0101_0101);
+        texels.iter_mut().for_each(|texel| *texel = (*texel >> 24) * 0x0101_0101);
     }
     texels
 }

@@ -9,10 +9,7 @@ struct Peak {
 }
 
 #[global_allocator]
-static PEAK: Peak = Peak {
-    now: AtomicUsize::new(0),
-    most: AtomicUsize::new(0),
-};
+static PEAK: Peak = Peak { now: AtomicUsize::new(0), most: AtomicUsize::new(0) };
 
 // SAFETY: all of the work is the system allocator's; the counters only watch.
 unsafe impl GlobalAlloc for Peak {
