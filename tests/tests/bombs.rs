@@ -6,7 +6,8 @@ use std::io::Cursor;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use exr::prelude::WritableImage;
+use exr::image::Encoding;
+use exr::prelude::{Blocks, LayerAttributes, WritableImage};
 use weir::scene::environment;
 use weir::scene::load::{LoadOptions, Loaded, load_from};
 use weir::scene::source::Memory;
@@ -80,37 +81,50 @@ fn radiance_maps_that_promise_too_much_are_refused() {
     }
 }
 
-fn exr_map(width: usize, height: usize) -> Vec<u8> {
+fn exr_map(blocks: Blocks) -> Vec<u8> {
     let pixel = |at: exr::math::Vec2<usize>| (at.x() as f32, at.y() as f32 * 0.5, 1.0_f32);
-    let image = exr::image::Image::from_channels((width, height), exr::image::SpecificChannels::rgb(pixel));
+    let encoding = Encoding { blocks, ..Encoding::SMALL_LOSSLESS };
+    let channels = exr::image::SpecificChannels::rgb(pixel);
+    let layer = exr::image::Layer::new((64, 32), LayerAttributes::default(), encoding, channels);
     let mut file = Cursor::new(Vec::new());
-    image.write().to_buffered(&mut file).expect("memory");
+    exr::image::Image::from_layer(layer).write().to_buffered(&mut file).expect("memory");
     file.into_inner()
 }
 
+const TILES: Blocks = Blocks::Tiles(exr::math::Vec2(16, 16));
+
+/// Where the value of an attribute begins: behind its name, its type and its length.
+fn attribute(file: &[u8], name_and_type: &[u8]) -> usize {
+    let at = file.windows(name_and_type.len()).position(|bytes| bytes == name_and_type);
+    at.expect("an attribute") + name_and_type.len() + 4
+}
+
 /// Each byte of the header and of the block table changed, one at a time and in three ways.
+///
+/// The decoder reserves what a tile claims to have, as far as the size of tiles in the header allows: gigabytes, where
+/// nobody compares that size with the image.
 #[test]
 fn damaged_exr_headers_never_reserve_much_memory() {
-    let sound = exr_map(64, 32);
-    environment::decode(&sound, "sky.exr", 0.0, 1.0).expect("sound");
-    for index in 0..sound.len().min(600) {
-        for change in [0x01, 0x80, 0xff] {
-            let mut damaged = sound.clone();
-            damaged[index] ^= change;
-            // Either it is refused, or it is an image of some kind.
-            let name = format!("EXR with byte {index} ^ {change}");
-            _ = cheaply(&name, || environment::decode(&damaged, "sky.exr", 0.0, 1.0));
+    for sound in [exr_map(Blocks::ScanLines), exr_map(TILES)] {
+        environment::decode(&sound, "sky.exr", 0.0, 1.0).expect("sound");
+        for index in 0..sound.len().min(600) {
+            for change in [0x01, 0x80, 0xff] {
+                let mut damaged = sound.clone();
+                damaged[index] ^= change;
+                // Either it is refused, or it is an image of some kind.
+                let name = format!("EXR with byte {index} ^ {change}");
+                _ = cheaply(&name, || environment::decode(&damaged, "sky.exr", 0.0, 1.0));
+            }
         }
     }
 }
 
 #[test]
 fn exr_windows_that_the_file_cannot_fill_are_refused() {
-    let sound = exr_map(64, 32);
-    let find = |name: &[u8]| sound.windows(name.len()).position(|bytes| bytes == name).expect("an attribute");
-    // Name, type, length, then xMin, yMin, xMax, yMax.
-    let at = find(b"dataWindow\0box2i\0") + b"dataWindow\0box2i\0".len() + 4;
-    for (x_max, y_max) in [(8191_u32, 4095_u32), (30_000, 30_000), (1 << 29, 1), (63, 1 << 29)] {
+    let sound = exr_map(Blocks::ScanLines);
+    // The corners of the window: xMin, yMin, xMax, yMax.
+    let at = attribute(&sound, b"dataWindow\0box2i\0");
+    for (x_max, y_max) in [(8191_u32, 4095_u32), (30_000, 30_000), (1 << 20, 31), (63, 1 << 29)] {
         let mut bomb = sound.clone();
         bomb[at + 8..at + 12].copy_from_slice(&x_max.to_le_bytes());
         bomb[at + 12..at + 16].copy_from_slice(&y_max.to_le_bytes());
@@ -142,4 +156,16 @@ fn files_and_lines_beyond_the_limits_are_refused() {
     let options = LoadOptions { max_file_bytes: 20, ..LoadOptions::default() };
     let error = load_from(&source, "a.obj", &options).expect_err("too large").to_string();
     assert!(error.contains("the limit is 20\nhelp: raise `--max-size`"), "{error}");
+}
+
+#[test]
+fn a_file_may_not_open_any_number_of_libraries() {
+    let mut obj = String::from("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    (0..50_000).for_each(|index| obj.push_str(&format!("mtllib {index}.mtl\nmtllib 0.mtl\n")));
+    let source = Memory::from_iter([("a.obj", &obj)]);
+    let loaded = cheaply("libraries", || load_from(&source, "a.obj", &LoadOptions::default())).expect("loads");
+    let warnings: Vec<_> = loaded.warnings.iter().map(ToString::to_string).collect();
+    let expected =
+        "a.obj:517: material libraries beyond the 256th are not opened (49744 in all, the first on this line)";
+    assert!(warnings.iter().any(|warning| warning == expected), "{:?}", &warnings[..3]);
 }

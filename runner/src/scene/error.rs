@@ -109,10 +109,18 @@ impl Warnings {
     /// More than this many would be read by nobody; a damaged file can cause millions.
     pub const MAX: usize = 200;
 
+    /// Longer messages, which hold names from files, are cut.
+    const MAX_CHARS: usize = 600;
+
     /// Adds one, or counts it when there are [`Self::MAX`] already.
     pub fn push(&mut self, place: Place, message: impl Into<String>) {
         if self.list.len() < Self::MAX {
-            self.list.push(Warning { place, message: message.into() });
+            let mut message = message.into();
+            if let Some((end, _)) = message.char_indices().nth(Self::MAX_CHARS) {
+                message.truncate(end);
+                message.push_str("...");
+            }
+            self.list.push(Warning { place, message });
         } else {
             self.left_out += 1;
         }
@@ -156,5 +164,12 @@ mod tests {
         assert_eq!(list.len(), Warnings::MAX + 1);
         assert_eq!(list[0].to_string(), "a.obj:1: odd");
         assert_eq!(list[Warnings::MAX].to_string(), "a.obj: 5 more warnings are not shown");
+    }
+
+    #[test]
+    fn long_names_do_not_make_long_messages() {
+        let mut warnings = Warnings::default();
+        warnings.push(Place::new("a.obj", 1), "\u{e9}".repeat(1_000_000));
+        assert!(warnings.into_vec()[0].message.len() < 1300);
     }
 }

@@ -10,6 +10,7 @@ use super::material::{Unbound, interpret};
 use super::mtl::{self, MtlMaterial};
 use super::obj::{self, ObjFile};
 use super::source::{Directory, Opened, Source, SourceError, locate};
+use super::statements::MAX_LIBRARIES;
 use super::texture::{Kind, Textures};
 use super::{Instance, Material, Motion, Scene};
 
@@ -190,7 +191,7 @@ fn open_libraries(source: &dyn Source, names: &str, place: &Place, warnings: &mu
         warnings.push(place.clone(), message);
         return opened;
     }
-    for word in words {
+    for word in words.into_iter().take(MAX_LIBRARIES) {
         if let Err(reason) = add(word, warnings) {
             let message = format!("material library `{word}` is left out, and its materials are grey: {reason}");
             warnings.push(place.clone(), message);

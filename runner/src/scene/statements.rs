@@ -32,6 +32,9 @@ const NOT_TRIANGLES: [&[u8]; 18] = [
     b"scrv", b"sp", b"con", b"ctech", b"end",
 ];
 
+/// Material libraries beyond this many are not opened.
+pub const MAX_LIBRARIES: usize = 256;
+
 /// Unknown keywords beyond this many are not named one by one.
 const MAX_UNKNOWN: usize = 8;
 
@@ -80,6 +83,7 @@ pub struct Statements {
     normals_not_finite: Tally,
     not_triangles: Tally,
     too_few_corners: Tally,
+    too_many_libraries: Tally,
 }
 
 impl Statements {
@@ -107,6 +111,7 @@ impl Statements {
             normals_not_finite: Tally::default(),
             not_triangles: Tally::default(),
             too_few_corners: Tally::default(),
+            too_many_libraries: Tally::default(),
         }
     }
 
@@ -126,7 +131,7 @@ impl Statements {
                 Ok(())
             }
             b"mtllib" => {
-                self.material_libraries.push((decode(rest), number));
+                self.use_library(number, decode(rest));
                 Ok(())
             }
             _ => {
@@ -145,6 +150,7 @@ impl Statements {
             (self.normals_not_finite, "normals that are not finite were dropped"),
             (self.not_triangles, "lines, points, curves and surfaces are ignored, only faces (`f`) are drawn"),
             (self.too_few_corners, "faces with fewer than three corners were dropped"),
+            (self.too_many_libraries, "material libraries beyond the 256th are not opened"),
         ];
         tallies.sort_by_key(|(tally, _)| tally.first_line);
         for (tally, what) in tallies {
@@ -306,6 +312,16 @@ impl Statements {
         let what = format!("the face refers to number {index} of the {}, but there are {count} so far", LISTS[list]);
         let help = "indices count from 1, or back from -1, and what they refer to comes before the face";
         Err(SceneError::bad_data(self.place(line), what, help))
+    }
+
+    fn use_library(&mut self, line: u64, names: String) {
+        if self.material_libraries.iter().any(|(known, _)| *known == names) {
+            return;
+        }
+        match self.material_libraries.len() {
+            MAX_LIBRARIES.. => self.too_many_libraries.add(line),
+            _ => self.material_libraries.push((names, line)),
+        }
     }
 
     fn use_material(&mut self, line: u64, rest: &[u8], out: &mut Vec<u8>) {

@@ -136,38 +136,7 @@ impl<'a> Textures<'a> {
             });
         }
 
-        let mut textures = Vec::new();
-        let mut index_of_unique = Vec::new();
-        let mut rest = unique.into_iter().zip(halvings).peekable();
-        while rest.peek().is_some() {
-            // As many as may be decoded at a time, and at least one.
-            let mut batch = Vec::new();
-            let mut bytes = 0;
-            while let Some(next) =
-                rest.next_if(|((_, image), _)| batch.is_empty() || bytes + image.decoded_bytes <= MAX_DECODED_BYTES)
-            {
-                bytes += next.0.1.decoded_bytes;
-                batch.push(next);
-            }
-            let decoded: Vec<_> = batch
-                .into_par_iter()
-                .with_max_len(1)
-                .map(|((request, image), halvings)| (request, decode(request, image, halvings)))
-                .collect();
-            for (request, texture) in decoded {
-                index_of_unique.push(match texture {
-                    Ok(texture) => {
-                        textures.push(texture);
-                        Some(textures.len() as u32 - 1)
-                    }
-                    Err(reason) => {
-                        let message = format!("texture `{}` is left out: {reason}", request.path);
-                        warnings.push(request.place.clone(), message);
-                        None
-                    }
-                });
-            }
-        }
+        let (textures, index_of_unique) = decode_all(unique.into_iter().zip(halvings), warnings);
         let index_of_request =
             index_of_request.into_iter().map(|index| index.and_then(|index: usize| index_of_unique[index]));
         (textures, index_of_request.collect())
@@ -247,6 +216,48 @@ fn is_animated(contents: &[u8]) -> bool {
     let head = &contents[..contents.len().min(4096)];
     let head = head.windows(4).position(|chunk| chunk == b"IDAT").map_or(head, |end| &head[..end]);
     head.windows(4).any(|chunk| chunk == b"acTL")
+}
+
+/// Decodes images, each with how often it has to be halved, a batch of limited size at a time.
+///
+/// Returns the textures, and for each image the index of its texture, if it could be decoded.
+fn decode_all<'r>(
+    images: impl Iterator<Item = ((&'r Request, Inspected), u32)>,
+    warnings: &mut Warnings,
+) -> (Vec<Texture>, Vec<Option<u32>>) {
+    let mut textures = Vec::new();
+    let mut index_of_unique = Vec::new();
+    let mut rest = images.peekable();
+    while rest.peek().is_some() {
+        // As many as may be decoded at a time, and at least one.
+        let mut batch = Vec::new();
+        let mut bytes = 0;
+        while let Some(next) =
+            rest.next_if(|((_, image), _)| batch.is_empty() || bytes + image.decoded_bytes <= MAX_DECODED_BYTES)
+        {
+            bytes += next.0.1.decoded_bytes;
+            batch.push(next);
+        }
+        let decoded: Vec<_> = batch
+            .into_par_iter()
+            .with_max_len(1)
+            .map(|((request, image), halvings)| (request, decode(request, image, halvings)))
+            .collect();
+        for (request, texture) in decoded {
+            index_of_unique.push(match texture {
+                Ok(texture) => {
+                    textures.push(texture);
+                    Some(textures.len() as u32 - 1)
+                }
+                Err(reason) => {
+                    let message = format!("texture `{}` is left out: {reason}", request.path);
+                    warnings.push(request.place.clone(), message);
+                    None
+                }
+            });
+        }
+    }
+    (textures, index_of_unique)
 }
 
 fn decode(request: &Request, image: Inspected, halvings: u32) -> Result<Texture, String> {
