@@ -30,8 +30,12 @@ fn direction_at(frame: &Frame, x: f32, y: f32) -> (Vec3, f32) {
 #[inline(always)]
 fn texel(frame: &Frame, scene: &Scene, x: u32, y: u32) -> Vec3 {
     let at = frame.environment_texels_at + (y * frame.environment_width + x) * 3;
-    let float = |i: u32| f32::from_bits(load(scene.texels, at + i));
-    Vec3::new(float(0), float(1), float(2))
+    // Not a closure: it would hold a pointer, which naga does not take in a struct.
+    Vec3::new(
+        f32::from_bits(load(scene.texels, at)),
+        f32::from_bits(load(scene.texels, at + 1)),
+        f32::from_bits(load(scene.texels, at + 2)),
+    )
 }
 
 /// Radiance at the point (x, y) of the map, in texels; repeats in x, clamps in y.

@@ -32,8 +32,13 @@ fn footprint(header: UVec4, texels: &[u32], uv: Vec2) -> Footprint {
     let (x0, x1, x) = wrap(uv.x, header.y);
     // The first row is the top of the image, the origin of uv its lower left corner.
     let (y0, y1, y) = wrap(1.0 - uv.y, header.z);
-    let at = |x: u32, y: u32| load(texels, header.x + y * header.y + x);
-    Footprint { texels: [at(x0, y0), at(x1, y0), at(x0, y1), at(x1, y1)], x, y }
+    // Not a closure: it would hold a pointer, which naga does not take in a struct.
+    let (row0, row1) = (header.x + y0 * header.y, header.x + y1 * header.y);
+    Footprint {
+        texels: [load(texels, row0 + x0), load(texels, row0 + x1), load(texels, row1 + x0), load(texels, row1 + x1)],
+        x,
+        y,
+    }
 }
 
 /// sRGB-encoded 8-bit value to linear. Source: IEC 61966-2-1.
