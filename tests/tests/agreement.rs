@@ -1,7 +1,6 @@
 //! The GPU against the host: pass by pass, as whole pictures, and when the GPU fails.
 //!
 //! Without an adapter these tests are skipped, visibly; `REQUIRE_GPU=1` makes that a failure.
-#![expect(clippy::expect_used, reason = "tests")]
 
 use glam::Vec4;
 use weir::{
