@@ -20,6 +20,7 @@ use crate::{
         cpu::{Order, run_kernel},
         gpu::{Gpu, GpuError, GpuExecutor, Loader, Module},
     },
+    exit::{Exit, HasExit},
     graph::{Facts, GraphError, Plan, Planned, Slot},
     technique::{RESOURCES, ToneCurve, direct_light_with},
 };
@@ -48,6 +49,15 @@ pub enum CheckError {
     /// The GPU failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
+}
+
+impl HasExit for CheckError {
+    fn exit(&self) -> Exit {
+        match self {
+            Self::Graph(_) => Exit::Usage,
+            Self::Gpu(error) => error.exit(),
+        }
+    }
 }
 
 /// Runs the frames on the GPU, and every pass of each of them on the host as well.

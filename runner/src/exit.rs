@@ -4,6 +4,8 @@ use std::error::Error;
 use std::io;
 use std::process::{ExitCode, Termination};
 
+use crate::crosscheck::CheckError;
+use crate::executor::gpu::GpuError;
 use crate::output::OutputError;
 use crate::output::exr::ReadError;
 
@@ -52,6 +54,8 @@ impl Exit {
             let known = None
                 .or_else(|| error.downcast_ref::<OutputError>().map(HasExit::exit))
                 .or_else(|| error.downcast_ref::<ReadError>().map(HasExit::exit))
+                .or_else(|| error.downcast_ref::<GpuError>().map(HasExit::exit))
+                .or_else(|| error.downcast_ref::<CheckError>().map(HasExit::exit))
                 .or_else(|| error.downcast_ref::<io::Error>().map(HasExit::exit));
             if let Some(exit) = known {
                 return exit;

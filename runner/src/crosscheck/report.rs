@@ -40,6 +40,8 @@ pub struct Row {
     pub pixels: u64,
     /// Pixels with such a word.
     pub differing_pixels: u64,
+    /// Pixels with floats that differ by more than rounding explains: a thousandth, and a millionth in absolute terms.
+    pub far_pixels: u64,
     /// Largest difference of two floats; infinite if one of them is not finite.
     pub largest_absolute: f32,
     /// The same, as a part of the larger of the two.
@@ -74,6 +76,7 @@ impl Report {
             differing_words: 0,
             pixels: 0,
             differing_pixels: 0,
+            far_pixels: 0,
             largest_absolute: 0.0,
             largest_relative: 0.0,
             first: None,
@@ -111,6 +114,7 @@ impl Report {
                 continue;
             }
             row.differing_pixels += 1;
+            let mut far = false;
             for (word, (&gpu, &host)) in on_gpu.iter().zip(on_host).enumerate().filter(|(_, (g, h))| g != h) {
                 row.differing_words += 1;
                 let float = floats >> word & 1 == 1;
@@ -120,8 +124,10 @@ impl Report {
                     let (absolute, relative) = distance(f32::from_bits(gpu), f32::from_bits(host));
                     row.largest_absolute = row.largest_absolute.max(absolute);
                     row.largest_relative = row.largest_relative.max(relative);
+                    far |= absolute > 1e-6 && relative > 1e-3;
                 }
             }
+            row.far_pixels += u64::from(far);
         }
     }
 }
@@ -144,19 +150,20 @@ impl fmt::Display for Report {
         writeln!(f, "{}: {module} module by {loader}, {} frames", self.adapter, self.frames)?;
         writeln!(
             f,
-            "{:<18} {:<12} {:>12} {:>12} {:>12} {:>12} {:>10} {:>10}",
-            "pass", "buffer", "words", "differing", "pixels", "differing", "absolute", "relative"
+            "{:<18} {:<12} {:>12} {:>12} {:>12} {:>12} {:>12} {:>10} {:>10}",
+            "pass", "buffer", "words", "differing", "pixels", "differing", "far", "absolute", "relative"
         )?;
         for row in &self.rows {
             writeln!(
                 f,
-                "{:<18} {:<12} {:>12} {:>12} {:>12} {:>12} {:>10.2e} {:>10.2e}",
+                "{:<18} {:<12} {:>12} {:>12} {:>12} {:>12} {:>12} {:>10.2e} {:>10.2e}",
                 row.pass,
                 row.buffer,
                 row.words,
                 row.differing_words,
                 row.pixels,
                 row.differing_pixels,
+                row.far_pixels,
                 row.largest_absolute,
                 row.largest_relative
             )?;

@@ -200,6 +200,10 @@ impl Gpu {
     }
 
     fn report(&self) -> Result<(), GpuError> {
+        if !lock(&self.health.errors).is_empty() {
+            // The callback of a loss comes only when the queue has run dry, after errors that the loss has caused.
+            let _ = self.poll(wgpu::PollType::Wait { submission_index: None, timeout: Some(self.patience) });
+        }
         if let Some(reason) = &*lock(&self.health.lost) {
             return Err(GpuError::Lost(reason.clone()));
         }
@@ -268,5 +272,17 @@ fn choose(mut found: Vec<wgpu::Adapter>, choice: &AdapterChoice) -> Result<wgpu:
         _ if found.is_empty() => Err(GpuError::NoAdapter),
         Some(index) if index < found.len() => Ok(found.swap_remove(index)),
         _ => Err(GpuError::NoSuchAdapter { wanted, found: names.join(", ") }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::AdapterChoice;
+
+    #[test]
+    fn a_number_chooses_by_place_and_anything_else_by_name() {
+        assert_eq!("2".parse(), Ok(AdapterChoice::Index(2)));
+        assert_eq!("RTX 4090".parse(), Ok(AdapterChoice::Name("RTX 4090".into())));
+        assert_eq!("-1".parse(), Ok(AdapterChoice::Name("-1".into())));
     }
 }

@@ -4,6 +4,8 @@ use std::time::Duration;
 
 use thiserror::Error;
 
+use crate::exit::{Exit, HasExit};
+
 /// Why the GPU did not do what it should. [`GpuError::Lost`] leaves every object of the device dead: open the GPU again.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 pub enum GpuError {
@@ -27,7 +29,11 @@ pub enum GpuError {
         reason: String,
     },
     /// A buffer that the device can't hold or bind.
-    #[error("{buffer} needs {} in one buffer, `{adapter}` allows {}; {remedy} or use --backend cpu", megabytes(*.bytes), megabytes(*.limit))]
+    #[error(
+        "{buffer} needs {} MB in one buffer, `{adapter}` allows {} MB; {remedy} or use --backend cpu",
+        .bytes.div_ceil(MEGABYTE),
+        .limit / MEGABYTE
+    )]
     TooLarge {
         /// What it holds.
         buffer: String,
@@ -112,10 +118,42 @@ impl From<wgpu::Error> for GpuError {
     }
 }
 
-/// `134217728` as `134 MB`.
-fn megabytes(bytes: u64) -> String {
-    match bytes {
-        0..1_000_000 => format!("{bytes} bytes"),
-        _ => format!("{} MB", bytes.div_ceil(1_000_000)),
+const MEGABYTE: u64 = 1_000_000;
+
+impl HasExit for GpuError {
+    fn exit(&self) -> Exit {
+        match self {
+            Self::NoAdapter
+            | Self::NoSuchAdapter { .. }
+            | Self::NoDevice { .. }
+            | Self::TooLarge { .. }
+            | Self::TooManyBuffers { .. }
+            | Self::NoPassthrough { .. } => Exit::Unavailable,
+            Self::Lost(_) | Self::OutOfMemory(_) | Self::Timeout(_) => Exit::Temporary,
+            Self::Validation(_) | Self::FrameSize { .. } | Self::NoOutput(_) | Self::OutOfRange { .. } => {
+                Exit::Internal
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_does_not_fit_looks_larger_than_the_limit_after_rounding() {
+        let (buffer, adapter) = ("`bvh` of the scene".to_owned(), "some GPU".to_owned());
+        let remedy = "use a smaller scene";
+        let error = GpuError::TooLarge { buffer, bytes: 134_217_729, limit: 134_217_728, adapter, remedy };
+        let expected = "`bvh` of the scene needs 135 MB in one buffer, `some GPU` allows 134 MB; use a smaller scene or \
+                        use --backend cpu";
+        assert_eq!(error.to_string(), expected);
+    }
+
+    #[test]
+    fn a_missing_gpu_ends_with_another_code_than_a_lost_one() {
+        assert_eq!(Exit::of(&GpuError::NoAdapter), Exit::Unavailable);
+        assert_eq!(Exit::of(&GpuError::Lost("reset".into())), Exit::Temporary);
     }
 }

@@ -76,7 +76,7 @@ impl Memory {
         let (buffer, size) = self.scene.get(name).map_or((None, 0), |(buffer, size)| (Some(buffer), *size));
         let end = offset.saturating_add(bytes.len() as u64);
         match buffer {
-            Some(buffer) if end <= size && offset % 4 == 0 && end % 4 == 0 => {
+            Some(buffer) if end <= size && offset.is_multiple_of(4) && end.is_multiple_of(4) => {
                 gpu.queue.write_buffer(buffer, offset, bytes);
                 gpu.check()
             }

@@ -1,0 +1,68 @@
+//! Small scenes for tests.
+
+use glam::{Mat4, Vec2, Vec3};
+use weir::scene::{Camera, Environment, Instance, Material, Mesh, Motion, Scene, Texture, builtin};
+
+/// The built-in Cornell box.
+///
+/// # Panics
+/// If it is gone.
+pub fn cornell() -> Scene {
+    (builtin::find("cornell").expect("the scene is built in").build)()
+}
+
+/// Two triangles with a corner at `origin` and the given edges, counter-clockwise.
+fn quad(name: &str, origin: Vec3, a: Vec3, b: Vec3, material: u32) -> Mesh {
+    Mesh {
+        name: name.into(),
+        positions: vec![origin, origin + a, origin + a + b, origin + b],
+        normals: Vec::new(),
+        uvs: vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        materials: vec![material; 2],
+    }
+}
+
+/// Has all that chooses among variants: a texture, an environment, a glossy floor, and three lights of one mesh, one
+/// mirrored and one circling.
+pub fn variety() -> Scene {
+    let texels = (0..64u32).map(|i| if (i / 8 + i) % 2 == 0 { 0xff20_60d0 } else { 0xffe0_c040 }).collect();
+    let sky = (0..32u32).map(|i| [0.1 + i as f32 * 0.01, 0.2, if i == 9 { 20.0 } else { 0.3 }]).collect();
+    let floor = Material { specular: Vec3::splat(0.04), roughness: 0.3, metallic: 0.2, ..Material::default() };
+    let wall = Material { base_color_texture: Some(0), ..Material::default() };
+    let lamp = Material { emission: Vec3::new(6.0, 5.0, 3.0), ..Material::default() };
+    let up = |x: f32, y: f32, z: f32| Mat4::from_translation(Vec3::new(x, y, z));
+    let circling = Motion::Turn { center: Vec3::ZERO, axis: Vec3::Y, turns_per_second: 0.25 };
+    let still = |mesh, world_from_object| Instance { mesh, world_from_object, motion: Motion::Still };
+    Scene {
+        name: "variety".into(),
+        meshes: vec![
+            quad("floor", Vec3::new(-3.0, 0.0, 3.0), Vec3::X * 6.0, Vec3::NEG_Z * 6.0, 0),
+            quad("wall", Vec3::new(-3.0, 0.0, -2.0), Vec3::X * 6.0, Vec3::Y * 2.0, 1),
+            quad("lamp", Vec3::ZERO, Vec3::X * 0.5, Vec3::Z * 0.5, 2),
+        ],
+        instances: vec![
+            still(0, Mat4::IDENTITY),
+            still(1, Mat4::IDENTITY),
+            still(2, up(-1.0, 1.5, -0.5)),
+            still(2, up(1.0, 1.2, 0.0) * Mat4::from_scale(Vec3::new(-1.0, 1.0, 1.0))),
+            Instance { mesh: 2, world_from_object: up(0.5, 0.9, 1.0), motion: circling },
+        ],
+        materials: vec![floor, wall, lamp],
+        textures: vec![Texture { name: "checks".into(), width: 8, height: 8, texels, srgb: true }],
+        environment: Some(Environment {
+            name: "sky".into(),
+            width: 8,
+            height: 4,
+            texels: sky,
+            rotation_deg: 30.0,
+            scale: 1.0,
+        }),
+        camera: Some(Camera {
+            origin: Vec3::new(0.3, 1.4, 4.0),
+            target: Vec3::new(0.0, 0.7, 0.0),
+            up: Vec3::Y,
+            vfov_deg: 45.0,
+        }),
+    }
+}

@@ -1,0 +1,309 @@
+//! The GPU against the host: pass by pass, as whole pictures, and when the GPU fails.
+//!
+//! Without an adapter these tests are skipped, visibly; `REQUIRE_GPU=1` makes that a failure.
+
+use glam::Vec4;
+use weir::{
+    crosscheck::{Check, Report, check},
+    executor::{
+        cpu::CpuExecutor,
+        gpu::{AdapterChoice, Gpu, GpuError, GpuExecutor, Loader, Module, adapters},
+    },
+    graph::{Facts, Plan},
+    packed::PackedScene,
+    scene::Scene,
+    technique::{ToneCurve, direct_light},
+};
+use weir_shader::{
+    PASSES,
+    wiring::{Band, Buffers, Pass, Variant},
+};
+use weir_shared::{frame::Frame, moments::Moments};
+use weir_tests::{facts, frames, gpu_or_skip, scenes};
+
+const WIDTH: u32 = 61;
+const HEIGHT: u32 = 43;
+
+/// A packed scene, what its plan depends on, and three frames.
+struct Case {
+    packed: PackedScene,
+    facts: Facts,
+    frames: Vec<Frame>,
+}
+
+impl Case {
+    fn new(scene: &Scene) -> Self {
+        let packed = PackedScene::new(scene, 0.0).expect("the scene fits");
+        let camera = scene.camera.expect("the scene has a camera");
+        // Sizes that no tile divides: the guard of the entry points counts.
+        let frames = frames(&packed, &camera, WIDTH, HEIGHT, 3);
+        Self { facts: facts(&packed, WIDTH, HEIGHT), frames, packed }
+    }
+
+    fn plan(&self, outputs: &[&'static str]) -> Plan {
+        direct_light(&self.facts, ToneCurve::Agx, outputs).expect("the frame has a plan")
+    }
+
+    fn check(&self, gpu: &Gpu, passes: &'static [Pass], loader: Loader, module: Module) -> Report {
+        let what = Check { passes, facts: &self.facts, curve: ToneCurve::Agx, loader, module };
+        let report = check(gpu, &what, self.packed.buffers(), &self.frames).expect("the GPU works");
+        println!("{report}");
+        assert_eq!(report.frames, 3);
+        assert!(report.rows.iter().all(|row| row.pixels == 3 * u64::from(WIDTH * HEIGHT)), "{report}");
+        report
+    }
+
+    fn on_gpu(&self, gpu: &Gpu, plan: &Plan, loader: Loader, module: Module) -> GpuExecutor {
+        let mut executor =
+            GpuExecutor::new(gpu, plan, self.packed.buffers(), loader, module).expect("the plan fits the GPU");
+        for frame in &self.frames {
+            executor.run(frame).expect("the GPU works");
+        }
+        executor
+    }
+}
+
+fn cases() -> [Case; 2] {
+    [Case::new(&scenes::cornell()), Case::new(&scenes::variety())]
+}
+
+/// Division and square root are exact in software; Vulkan allows hardware to be off by 2.5 units in the last place.
+fn rounds_exactly(gpu: &Gpu) -> bool {
+    gpu.facts.kind == "software"
+}
+
+#[test]
+fn every_pass_of_the_strict_module_equals_the_host_bit_by_bit() {
+    let Some(gpu) = gpu_or_skip("every_pass_of_the_strict_module_equals_the_host_bit_by_bit") else { return };
+    for case in cases() {
+        let report = case.check(&gpu, PASSES, Loader::Passthrough, Module::Strict);
+        if rounds_exactly(&gpu) {
+            assert!(report.is_equal(), "{report}");
+        } else {
+            assert_close(&report);
+        }
+    }
+}
+
+/// The last bits of floats may differ, and so may choices that hang on them.
+fn assert_close(report: &Report) {
+    for row in &report.rows {
+        assert!(row.far_pixels * 100 <= row.pixels, "{report}");
+    }
+}
+
+#[test]
+fn every_pass_of_the_plain_module_is_close_to_the_host_on_either_loader() {
+    let Some(gpu) = gpu_or_skip("every_pass_of_the_plain_module_is_close_to_the_host_on_either_loader") else { return };
+    for case in cases() {
+        assert_close(&case.check(&gpu, PASSES, Loader::Naga, Module::Plain));
+        if gpu.has_passthrough() {
+            assert_close(&case.check(&gpu, PASSES, Loader::Passthrough, Module::Plain));
+        }
+    }
+}
+
+const PLANTED: [u32; 2] = [5, 9];
+
+/// `accumulate`, with the last bit of one word of one pixel turned.
+fn wrong_accumulate(frame: &Frame, band: Band, mut buffers: Buffers) {
+    let color: &[Vec4] = buffers.read();
+    let prev_moments: &[Moments] = buffers.read();
+    let moments: &mut [Moments] = buffers.write();
+    band.for_each_pixel(frame, |i, px| {
+        moments[i] = weir_shader::accumulate::accumulate(px, frame, color, prev_moments);
+        if px.to_array() == PLANTED {
+            moments[i].mean[1] = f32::from_bits(moments[i].mean[1].to_bits() ^ 1);
+        }
+    });
+}
+
+fn passes_with_a_difference() -> &'static [Pass] {
+    let copied = PASSES.iter().map(|pass| Pass {
+        name: pass.name,
+        features: pass.features,
+        bindings: pass.bindings,
+        variants: match pass.name {
+            "accumulate" => {
+                let entry_point = pass.variants[0].entry_point;
+                Box::leak(Box::new([Variant { entry_point, run: wrong_accumulate }]))
+            }
+            _ => pass.variants,
+        },
+    });
+    Vec::leak(copied.collect())
+}
+
+#[test]
+fn a_bit_turned_in_one_pixel_of_one_host_kernel_is_found_and_blamed_on_that_pass_alone() {
+    let name = "a_bit_turned_in_one_pixel_of_one_host_kernel_is_found_and_blamed_on_that_pass_alone";
+    let Some(gpu) = gpu_or_skip(name) else { return };
+    let module = if rounds_exactly(&gpu) { Module::Strict } else { Module::Plain };
+    let report = Case::new(&scenes::cornell()).check(&gpu, passes_with_a_difference(), Loader::Auto, module);
+    assert!(!report.is_equal());
+    let row = report.rows.iter().find(|row| row.pass == "accumulate").expect("the pass is in the report");
+    if rounds_exactly(&gpu) {
+        let first = row.first.expect("the difference has a place");
+        assert_eq!((first.pixel, first.gpu ^ first.host, first.float), (PLANTED, 1, true));
+        assert_eq!((row.differing_words, row.differing_pixels), (3, 3), "one word in each of three frames");
+        assert!(report.rows.iter().all(|row| row.pass == "accumulate" || row.differing_words == 0), "{report}");
+        assert!(report.to_string().contains("pass `accumulate`, `moments`: first at pixel (5, 9), frame 0, word 1"));
+    } else {
+        assert!(row.differing_pixels >= 3, "{report}");
+    }
+}
+
+#[test]
+fn pictures_of_both_executors_are_the_same_after_three_frames() {
+    let Some(gpu) = gpu_or_skip("pictures_of_both_executors_are_the_same_after_three_frames") else { return };
+    if !rounds_exactly(&gpu) {
+        eprintln!("SKIPPED: pictures_of_both_executors_are_the_same_after_three_frames: `{}` rounds", gpu.facts.name);
+        return;
+    }
+    for case in cases() {
+        let plan = case.plan(&["display", "moments"]);
+        let mut on_gpu = case.on_gpu(&gpu, &plan, Loader::Passthrough, Module::Strict);
+        let mut on_host = CpuExecutor::new(&plan);
+        for frame in &case.frames {
+            on_host.run(&plan, case.packed.buffers(), frame);
+        }
+        for output in ["display", "moments"] {
+            let picture = on_gpu.read(output).expect("the GPU works");
+            assert!(picture.bytes().iter().any(|&byte| byte != 0));
+            let host = on_host.output(&plan, output).expect("it is an output");
+            assert!(picture.bytes() == &host[..picture.bytes().len()], "`{output}` differs");
+        }
+    }
+}
+
+#[test]
+fn both_loaders_draw_the_same_picture() {
+    let Some(gpu) = gpu_or_skip("both_loaders_draw_the_same_picture") else { return };
+    if !gpu.has_passthrough() {
+        eprintln!("SKIPPED: both_loaders_draw_the_same_picture: no passthrough on {}", gpu.facts.backend);
+        return;
+    }
+    for case in cases() {
+        let plan = case.plan(&["moments"]);
+        let [naga, direct] = [Loader::Naga, Loader::Passthrough].map(|loader| {
+            let mut executor = case.on_gpu(&gpu, &plan, loader, Module::Plain);
+            assert_eq!(executor.loader(), loader);
+            executor.read("moments").expect("the GPU works").elements::<Moments>().to_vec()
+        });
+        let far = naga.iter().zip(&direct).filter(|(a, b)| {
+            let [a, b] = [a.mean, b.mean];
+            a.iter().zip(b).any(|(&a, b)| (a - b).abs() > 1e-3 * a.abs().max(b.abs()))
+        });
+        // A last bit can change which candidate is kept, or whether a ray hits.
+        let far = far.count();
+        assert!(far * 100 <= naga.len(), "{far} of {} pixels", naga.len());
+    }
+}
+
+#[test]
+fn a_moved_scene_draws_the_same_whether_it_is_updated_or_uploaded_anew() {
+    let name = "a_moved_scene_draws_the_same_whether_it_is_updated_or_uploaded_anew";
+    let Some(gpu) = gpu_or_skip(name) else { return };
+    let mut case = Case::new(&scenes::variety());
+    let plan = case.plan(&["display"]);
+    let mut updated = case.on_gpu(&gpu, &plan, Loader::Auto, Module::Plain);
+    let before = updated.read("display").expect("the GPU works");
+    let changes = case.packed.set_time(1.0).expect("the transforms have inverses");
+    assert!(!changes.is_empty());
+    for change in changes {
+        let bytes = &case.packed.buffers().bytes(change.buffer)[change.range.clone()];
+        updated.update_scene(change.buffer, change.range.start as u64, bytes).expect("the range is in the buffer");
+    }
+    for frame in &case.frames {
+        updated.run(frame).expect("the GPU works");
+    }
+    let after = updated.read("display").expect("the GPU works");
+    let anew = case.on_gpu(&gpu, &plan, Loader::Auto, Module::Plain).read("display").expect("the GPU works");
+    assert!(after.bytes() == anew.bytes());
+    assert!(after.bytes() != before.bytes(), "the light has moved");
+
+    let beyond = case.packed.buffers().bytes("records").len() as u64;
+    let refused = updated.update_scene("records", beyond, &[0; 4]);
+    assert!(matches!(refused, Err(GpuError::OutOfRange { .. })), "{refused:?}");
+}
+
+#[test]
+fn losing_the_gpu_between_frames_is_an_error_and_a_new_one_can_be_opened() {
+    let name = "losing_the_gpu_between_frames_is_an_error_and_a_new_one_can_be_opened";
+    let Some(gpu) = gpu_or_skip(name) else { return };
+    let case = Case::new(&scenes::cornell());
+    let plan = case.plan(&["display"]);
+    let mut executor = case.on_gpu(&gpu, &plan, Loader::Auto, Module::Plain);
+    executor.run(&case.frames[0]).expect("the GPU still works");
+    gpu.lose();
+    let lost = |result: Result<(), GpuError>| matches!(result, Err(GpuError::Lost(_)));
+    // The loss is known once the frames in flight are done: a frame or two later at most.
+    let seen = (0..3).find_map(|_| executor.run(&case.frames[1]).err());
+    assert!(matches!(seen, Some(GpuError::Lost(_))), "{seen:?}");
+    assert!(lost(executor.run(&case.frames[2])), "it stays lost");
+    assert!(lost(executor.read("display").map(drop)));
+    assert!(lost(executor.update_scene("records", 0, &[0; 4])));
+    let again = GpuExecutor::new(&gpu, &plan, case.packed.buffers(), Loader::Auto, Module::Plain);
+    assert!(lost(again.map(drop)));
+
+    let fresh = Gpu::open(&AdapterChoice::Best).expect("the adapter is still there");
+    case.on_gpu(&fresh, &plan, Loader::Auto, Module::Plain).read("display").expect("the new device works");
+}
+
+#[test]
+fn a_buffer_that_the_gpu_cannot_bind_is_named_with_its_size_and_the_way_out() {
+    let name = "a_buffer_that_the_gpu_cannot_bind_is_named_with_its_size_and_the_way_out";
+    let Some(gpu) = gpu_or_skip(name) else { return };
+    let case = Case::new(&scenes::cornell());
+    let huge = Facts { width: 32_768, height: 32_768, ..case.facts.clone() };
+    let plan = direct_light(&huge, ToneCurve::Agx, &["display"]).expect("the frame has a plan");
+    let refused = GpuExecutor::new(&gpu, &plan, case.packed.buffers(), Loader::Auto, Module::Plain);
+    let message = refused.map(drop).expect_err("no GPU has so much").to_string();
+    assert!(message.starts_with("`emitted` of 32768x32768 pixels needs 17180 MB in one buffer, `"), "{message}");
+    assert!(message.ends_with("; render at a smaller size or use --backend cpu"), "{message}");
+}
+
+#[test]
+fn frames_of_another_size_and_outputs_nobody_asked_for_are_refused() {
+    let Some(gpu) = gpu_or_skip("frames_of_another_size_and_outputs_nobody_asked_for_are_refused") else { return };
+    let case = Case::new(&scenes::cornell());
+    let plan = case.plan(&["display"]);
+    let buffers = case.packed.buffers();
+    let mut executor =
+        GpuExecutor::new(&gpu, &plan, buffers, Loader::Auto, Module::Plain).expect("the plan fits the GPU");
+    let early = executor.read("display").map(drop);
+    assert!(matches!(early, Err(GpuError::NoOutput(_))), "{early:?}");
+    let wider = executor.run(&Frame { width: WIDTH + 1, ..case.frames[0] });
+    assert!(matches!(wider, Err(GpuError::FrameSize { .. })), "{wider:?}");
+    executor.run(&case.frames[0]).expect("the GPU works");
+    let unasked = executor.read("color").map(drop);
+    assert!(matches!(unasked, Err(GpuError::NoOutput(_))), "{unasked:?}");
+}
+
+#[test]
+fn every_pass_has_a_time_where_the_gpu_has_a_clock() {
+    let Some(gpu) = gpu_or_skip("every_pass_has_a_time_where_the_gpu_has_a_clock") else { return };
+    if !gpu.facts.timestamps {
+        eprintln!("SKIPPED: every_pass_has_a_time_where_the_gpu_has_a_clock: `{}` has none", gpu.facts.name);
+        return;
+    }
+    let case = Case::new(&scenes::cornell());
+    let plan = case.plan(&["display"]);
+    let mut executor = case.on_gpu(&gpu, &plan, Loader::Auto, Module::Plain);
+    executor.finish().expect("the GPU works");
+    let names: Vec<_> = executor.last_times().iter().map(|(name, _)| *name).collect();
+    assert_eq!(names, plan.pass_names());
+    assert!(executor.last_times().iter().any(|(_, time)| !time.is_zero()));
+}
+
+#[test]
+fn an_adapter_that_is_not_there_is_named_beside_those_that_are() {
+    let Some(gpu) = gpu_or_skip("an_adapter_that_is_not_there_is_named_beside_those_that_are") else { return };
+    let absent = Gpu::open(&AdapterChoice::Name("no such adapter".into())).map(drop);
+    let message = absent.expect_err("nobody calls it that").to_string();
+    assert!(message.starts_with("no adapter matches `no such adapter`; there is "), "{message}");
+    assert!(message.contains(&gpu.facts.name), "{message}");
+    let first = Gpu::open(&AdapterChoice::Name(gpu.facts.name.to_uppercase())).expect("names match in any case");
+    assert_eq!(first.facts, gpu.facts);
+    assert!(adapters().contains(&gpu.facts), "the list of adapters holds it");
+}
