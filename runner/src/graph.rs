@@ -394,6 +394,13 @@ impl Plan {
         self.pool.iter().sum::<u64>() + 2 * self.history.iter().map(|h| h.bytes).sum::<u64>() + self.zero_bytes
     }
 
+    /// Bytes of a result of one of the steps; `None` if no step writes it.
+    pub fn output_bytes(&self, name: &str) -> Option<usize> {
+        let bindings = self.steps.iter().flat_map(|s| s.pass.bindings);
+        let written = bindings.filter(|b| b.access == Access::Write).find(|b| b.name == name)?;
+        Some(written.stride * self.pixels() as usize)
+    }
+
     /// Pixels of the image.
     pub fn pixels(&self) -> u64 {
         u64::from(self.facts.width) * u64::from(self.facts.height)

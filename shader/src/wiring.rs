@@ -230,7 +230,6 @@ mod host {
 
     /// A property of the scene that changes the code of passes.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-    #[expect(clippy::upper_case_acronyms, reason = "the names of the const generics of the passes")]
     pub enum Feature {
         /// Some material has an image.
         TEXTURES,

@@ -119,7 +119,8 @@ impl CpuExecutor {
     pub fn output(&self, plan: &Plan, name: &str) -> Option<&[u8]> {
         let &(_, slot) = plan.outputs.iter().find(|(n, _)| *n == name)?;
         let place = Self::place(slot, self.frames.checked_sub(1)?)?;
-        Some(self.buffers.get(&place)?.bytes())
+        // A buffer of the pool is as large as its largest tenant.
+        Some(&self.buffers.get(&place)?.bytes()[..plan.output_bytes(name)?])
     }
 }
 

@@ -184,9 +184,8 @@ impl GpuExecutor {
         let &(_, slot) = output.filter(|_| self.frames > 0).ok_or_else(|| GpuError::NoOutput(name.to_owned()))?;
         let mut bytes = self.read_slot(slot)?;
         // A shared buffer can be larger than the output.
-        let bindings = self.plan.steps.iter().flat_map(|s| s.pass.bindings);
-        if let Some(binding) = bindings.into_iter().find(|b| b.name == name) {
-            bytes.truncate(binding.stride * self.plan.pixels() as usize);
+        if let Some(output_bytes) = self.plan.output_bytes(name) {
+            bytes.truncate(output_bytes);
         }
         Ok(bytes)
     }
