@@ -24,7 +24,7 @@ fn main() -> ExitCode {
         return ExitCode::SUCCESS;
     }
     if let Err(message) = check(&root) {
-        println!("cargo::error={message}; {REMEDY}");
+        println!("cargo::error={message}");
         return ExitCode::FAILURE;
     }
     ExitCode::SUCCESS
@@ -34,7 +34,8 @@ fn check(root: &Path) -> Result<(), String> {
     let folder = root.join(digest::FOLDER);
     let read = |name: &str| {
         let path = folder.join(name);
-        fs::read(&path).map_err(|e| format!("cannot read the compiled shaders: {e}: {}", path.display()))
+        fs::read(&path)
+            .map_err(|e| format!("cannot read the compiled shaders; restore them from git: {e}: {}", path.display()))
     };
     let committed = String::from_utf8_lossy(&read(digest::DIGEST_FILE)?).replace("\r\n", "\n");
     let current = digest::digest(root, &read(digest::PLAIN_FILE)?, &read(digest::STRICT_FILE)?)
@@ -47,5 +48,5 @@ fn check(root: &Path) -> Result<(), String> {
         .filter(|line| !committed.lines().any(|c| c == *line))
         .filter_map(|line| line.split_whitespace().last())
         .collect();
-    Err(format!("the compiled shaders in assets/shaders are stale (changed since: {})", stale.join(", ")))
+    Err(format!("the compiled shaders in assets/shaders are stale (changed since: {}); {REMEDY}", stale.join(", ")))
 }
