@@ -1,0 +1,178 @@
+//! The passes against the reference integrator: equal means, within what noise allows; and planted errors are seen.
+
+use weir::{
+    executor::cpu::Order,
+    packed::PackedScene,
+    render::{Backend, Rendered, Request, Stop, render, render_reference},
+    scene::{Scene, builtin},
+    settings::Settings,
+    technique::ToneCurve,
+};
+use weir_tests::scenes::variety;
+
+const WIDTH: u32 = 48;
+const HEIGHT: u32 = 32;
+const TILE: u32 = 8;
+
+/// Largest |z| that noise alone reaches once in about 10,000 runs: two-sided normal quantile for 0.0001, corrected for
+/// 24 tiles of three channels (Sidak) and for the whole picture.
+const TILE_BOUND: f64 = 5.2;
+const GLOBAL_BOUND: f64 = 4.3;
+
+fn request(scene: &Scene, samples: u32, seed: u32, knobs: &[&str]) -> Request {
+    let mut settings = Settings::default();
+    for knob in knobs {
+        settings.apply(knob).expect("a knob");
+    }
+    Request {
+        width: WIDTH,
+        height: HEIGHT,
+        camera: scene.camera.expect("the scene suggests a camera"),
+        seed,
+        stop: Stop::Samples(samples),
+        curve: ToneCurve::Clip,
+        exposure: 1.0,
+        settings,
+    }
+}
+
+/// z of the difference of means over a set of pixels, and the relative difference.
+fn z_over(a: &Rendered, b: &Rendered, pixels: impl Iterator<Item = usize>, channel: usize) -> (f64, f64) {
+    let (mut difference, mut total, mut variance, mut n) = (0.0, 0.0, 0.0, 0.0);
+    for i in pixels {
+        let value = |r: &Rendered| f64::from(r.picture.rgb[i][channel]);
+        difference += value(a) - value(b);
+        total += value(b);
+        variance += f64::from(a.variance[i][channel]) + f64::from(b.variance[i][channel]);
+        n += 1.0;
+    }
+    // A floor of one part in 10,000 of the picture: below it rounding, not noise, decides.
+    let floor = 1e-4 * total.abs() + 1e-9 * n;
+    (difference / (variance + floor * floor).sqrt(), difference / total.abs().max(1e-30))
+}
+
+/// Whether two pictures have the same expectation as far as their noise lets one tell; else what differs.
+fn compare(a: &Rendered, b: &Rendered) -> Result<f64, String> {
+    let mut worst = 0.0f64;
+    for channel in 0..3 {
+        let (z, relative) = z_over(a, b, 0..(WIDTH * HEIGHT) as usize, channel);
+        if z.abs() > GLOBAL_BOUND {
+            return Err(format!("channel {channel} differs by {:.3} % overall, z = {z:.1}", relative * 100.0));
+        }
+        worst = worst.max(relative.abs());
+        for tile in 0..(WIDTH / TILE) * (HEIGHT / TILE) {
+            let (x0, y0) = (tile % (WIDTH / TILE) * TILE, tile / (WIDTH / TILE) * TILE);
+            let pixels = (0..TILE * TILE).map(|i| ((y0 + i / TILE) * WIDTH + x0 + i % TILE) as usize);
+            let (z, relative) = z_over(a, b, pixels, channel);
+            if z.abs() > TILE_BOUND {
+                return Err(format!(
+                    "channel {channel}, tile at ({x0}, {y0}) differs by {:.2} %, z = {z:.1}",
+                    relative * 100.0
+                ));
+            }
+        }
+    }
+    Ok(worst)
+}
+
+fn passes(scene: &Scene, samples: u32, seed: u32, knobs: &[&str]) -> Rendered {
+    let packed = PackedScene::new(scene, 0.0).expect("packs");
+    let request = request(scene, samples, seed, knobs);
+    render(&packed, &request, &Backend::Cpu(Order::default()), |_| true).expect("renders")
+}
+
+fn reference(scene: &Scene, samples: u32) -> Rendered {
+    let packed = PackedScene::new(scene, 0.0).expect("packs");
+    render_reference(&packed, &request(scene, samples, 7, &[]), |_| true).expect("renders")
+}
+
+/// The box without its light in view: the edges of a bright light are noisier than everything it lights.
+fn cornell() -> Scene {
+    let mut scene = (builtin::find("cornell").expect("built in").build)();
+    if let Some(camera) = &mut scene.camera {
+        camera.vfov_deg *= 0.5;
+    }
+    scene
+}
+
+#[test]
+fn resampled_candidates_have_the_mean_of_the_reference() {
+    for (name, scene, samples) in [("cornell", cornell(), 512), ("variety", variety(), 1024)] {
+        let judge = reference(&scene, samples);
+        assert_eq!(judge.dropped, 0);
+        for knobs in [
+            &["candidates.count=1"] as &[&str],
+            &["candidates.count=1", "candidates.source=uniform"],
+            &["candidates.count=4", "candidates.source=uniform"],
+            &["candidates.count=32"],
+        ] {
+            let result = passes(&scene, samples, 1, knobs);
+            match compare(&result, &judge) {
+                Ok(bias) => println!("{name} {knobs:?}: within {:.3} %", bias * 100.0),
+                Err(difference) => panic!("{name} {knobs:?}: {difference}"),
+            }
+        }
+    }
+}
+
+#[test]
+fn two_seeds_of_the_passes_agree_and_differ() {
+    let (a, b) = (passes(&cornell(), 64, 1, &[]), passes(&cornell(), 64, 2, &[]));
+    assert_ne!(a.picture.rgb, b.picture.rgb);
+    compare(&a, &b).expect("the same scene");
+}
+
+/// The comparison has teeth: a light brighter by one part in a hundred is seen.
+#[test]
+fn a_light_that_is_one_percent_brighter_is_caught() {
+    let judge = reference(&cornell(), 512);
+    let mut brighter = cornell();
+    brighter.materials.iter_mut().for_each(|m| m.emission *= 1.01);
+    let verdict = compare(&passes(&brighter, 512, 1, &[]), &judge);
+    println!("{verdict:?}");
+    assert!(verdict.is_err(), "1 % more light went unnoticed");
+}
+
+/// And so is a whole technique that is dropped: the environment of a scene that has both kinds of light.
+#[test]
+fn a_missing_kind_of_light_is_caught() {
+    let judge = reference(&variety(), 256);
+    let mut dark = variety();
+    dark.environment = None;
+    assert!(compare(&passes(&dark, 256, 1, &[]), &judge).is_err());
+}
+
+#[test]
+fn neither_threads_nor_the_order_of_pixels_change_a_bit() {
+    let scene = variety();
+    let packed = PackedScene::new(&scene, 0.0).expect("packs");
+    let request = request(&scene, 3, 5, &[]);
+    let draw = |threads: usize, order: Order| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+        let drawn = pool.install(|| render(&packed, &request, &Backend::Cpu(order), |_| true)).expect("renders");
+        (drawn.picture.rgb, drawn.display, drawn.variance)
+    };
+    let expected = draw(1, Order::default());
+    for threads in [1, 2, 16] {
+        for order in [
+            Order::default(),
+            Order { band_rows: 1, backwards: false },
+            Order { band_rows: 7, backwards: true },
+            Order { band_rows: 64, backwards: true },
+        ] {
+            assert!(draw(threads, order) == expected, "{threads} threads, {order:?}");
+        }
+    }
+}
+
+#[test]
+fn every_picture_of_a_hostile_size_is_finite() {
+    let mut scene = cornell();
+    scene.materials.iter_mut().for_each(|m| m.emission *= 1e18);
+    let packed = PackedScene::new(&scene, 0.0).expect("packs");
+    for (width, height) in [(1, 1), (1, 33), (7, 5)] {
+        let request = Request { width, height, ..request(&scene, 4, 0, &[]) };
+        let drawn = render(&packed, &request, &Backend::Cpu(Order::default()), |_| true).expect("renders");
+        assert!(drawn.picture.rgb.iter().flatten().all(|x| x.is_finite() && *x >= 0.0));
+    }
+}
