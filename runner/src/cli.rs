@@ -10,7 +10,7 @@ use std::{fmt::Write as _, io::Write as _, path::PathBuf};
 use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use weir::{
-    exit::Exit,
+    exit::{Exit, Usage},
     render::{Stop, facts_of},
     scene::{builtin::BUILTIN, export},
     settings::KNOBS,
@@ -266,8 +266,3 @@ fn stop_of(spp: Option<u32>, time: Option<f64>) -> anyhow::Result<Stop> {
         (None, None) => Ok(Stop::Samples(64)),
     }
 }
-
-/// A request that cannot be followed as it stands.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-pub struct Usage(pub String);

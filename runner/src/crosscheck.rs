@@ -54,7 +54,7 @@ pub enum CheckError {
 impl HasExit for CheckError {
     fn exit(&self) -> Exit {
         match self {
-            Self::Graph(_) => Exit::Usage,
+            Self::Graph(error) => error.exit(),
             Self::Gpu(error) => error.exit(),
         }
     }

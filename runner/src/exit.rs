@@ -6,8 +6,13 @@ use std::process::{ExitCode, Termination};
 
 use crate::crosscheck::CheckError;
 use crate::executor::gpu::GpuError;
+use crate::graph::GraphError;
 use crate::output::OutputError;
 use crate::output::exr::ReadError;
+use crate::packed::PackError;
+use crate::render::RenderError;
+use crate::scene::{error::SceneError, export::ExportError};
+use crate::settings::SettingError;
 
 /// The exit codes of `weir`. 64 and above are those of BSD's `sysexits.h`, so that batch systems can act on them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,13 +56,7 @@ impl Exit {
     pub fn of(error: &(dyn Error + 'static)) -> Self {
         let mut next = Some(error);
         while let Some(error) = next {
-            let known = None
-                .or_else(|| error.downcast_ref::<OutputError>().map(HasExit::exit))
-                .or_else(|| error.downcast_ref::<ReadError>().map(HasExit::exit))
-                .or_else(|| error.downcast_ref::<GpuError>().map(HasExit::exit))
-                .or_else(|| error.downcast_ref::<CheckError>().map(HasExit::exit))
-                .or_else(|| error.downcast_ref::<io::Error>().map(HasExit::exit));
-            if let Some(exit) = known {
+            if let Some(exit) = KNOWN.iter().find_map(|known| known(error)) {
                 return exit;
             }
             next = error.source();
@@ -96,6 +95,38 @@ impl HasExit for io::Error {
             | Kind::WouldBlock => Exit::Temporary,
             _ => Exit::Io,
         }
+    }
+}
+
+/// The code of an error, if it is an `E`.
+fn exit_of<E: HasExit + Error + 'static>(error: &(dyn Error + 'static)) -> Option<Exit> {
+    error.downcast_ref::<E>().map(HasExit::exit)
+}
+
+/// [`exit_of`] for every error that has a code.
+const KNOWN: &[fn(&(dyn Error + 'static)) -> Option<Exit>] = &[
+    exit_of::<Usage>,
+    exit_of::<SettingError>,
+    exit_of::<SceneError>,
+    exit_of::<PackError>,
+    exit_of::<RenderError>,
+    exit_of::<GraphError>,
+    exit_of::<GpuError>,
+    exit_of::<CheckError>,
+    exit_of::<OutputError>,
+    exit_of::<ReadError>,
+    exit_of::<ExportError>,
+    exit_of::<io::Error>,
+];
+
+/// A request on the command line that cannot be followed as it stands.
+#[derive(Clone, Debug, thiserror::Error, PartialEq, Eq)]
+#[error("{0}")]
+pub struct Usage(pub String);
+
+impl HasExit for Usage {
+    fn exit(&self) -> Exit {
+        Exit::Usage
     }
 }
 
@@ -148,6 +179,14 @@ mod tests {
         // The inner I/O error alone would be 74.
         let denied = OutputError::Denied { path: "x".into(), source: io::ErrorKind::PermissionDenied.into() };
         assert_eq!(Exit::of(&denied), Exit::CannotCreate);
+    }
+
+    /// `#[error(transparent)]` leaves the wrapped error itself out of the chain of causes.
+    #[test]
+    fn errors_that_wrap_others_ask_them() {
+        assert_eq!(Exit::of(&RenderError::from(GpuError::NoAdapter)), Exit::Unavailable);
+        assert_eq!(Exit::of(&RenderError::from(GraphError::Size(0, 1))), Exit::Usage);
+        assert_eq!(Exit::of(&CheckError::from(GraphError::UnknownPass("x"))), Exit::Internal);
     }
 
     #[test]

@@ -13,6 +13,8 @@ use std::collections::BTreeSet;
 use thiserror::Error;
 use weir_shader::wiring::{Access, Binding, Feature, Pass, Variant};
 
+use crate::exit::{Exit, HasExit};
+
 pub use element::Element;
 
 /// A buffer that passes share.
@@ -249,6 +251,16 @@ pub enum GraphError {
     /// An image without pixels.
     #[error("the image is {0}x{1} pixels; both must be between 1 and 32768")]
     Size(u32, u32),
+}
+
+impl HasExit for GraphError {
+    /// Only the size comes from the command line; steps and passes are weir's own.
+    fn exit(&self) -> Exit {
+        match self {
+            Self::Size(..) => Exit::Usage,
+            _ => Exit::Internal,
+        }
+    }
 }
 
 /// A binding, resolved: which resource, and whether last frame's.

@@ -18,6 +18,7 @@ use weir_shared::{
 
 use crate::{
     executor::SceneBuffers,
+    exit::{Exit, HasExit},
     graph::Need,
     scene::{Environment, Material, Scene},
 };
@@ -50,6 +51,12 @@ pub enum PackError {
         /// When.
         time_s: f32,
     },
+}
+
+impl HasExit for PackError {
+    fn exit(&self) -> Exit {
+        Exit::BadData
+    }
 }
 
 /// A scene in the form that both executors read, at one moment.

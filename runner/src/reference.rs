@@ -205,7 +205,7 @@ impl<'a> Reference<'a> {
             let direction = bsdf.sample(uniform(rng) as f32, uniform(rng) as f32, uniform(rng) as f32);
             let pdf = f64::from(bsdf.pdf_solid_angle(direction));
             let reflected = bsdf.evaluate::<true>(direction).as_dvec3();
-            if !(pdf > 0.0) || reflected == DVec3::ZERO {
+            if pdf <= 0.0 || pdf.is_nan() || reflected == DVec3::ZERO {
                 return radiance;
             }
             throughput *= reflected / pdf;
@@ -279,7 +279,7 @@ impl<'a> Reference<'a> {
         let material = scene.material_of(frame, instance, triangle);
         let facing = -doubled.dot(toward);
         let two_sided = scene.material_word(material, material_record::TWO_SIDED) != 0;
-        if !(distance2 > 0.0) || facing == 0.0 || (facing < 0.0 && !two_sided) {
+        if distance2 == 0.0 || distance2.is_nan() || facing == 0.0 || (facing < 0.0 && !two_sided) {
             return DVec3::ZERO;
         }
         let mut emission = scene.material_rgb(material, material_record::EMISSION);

@@ -12,6 +12,7 @@ use crate::{
         cpu::{CpuExecutor, Order},
         gpu::{Gpu, GpuError, GpuExecutor, Loader, Module},
     },
+    exit::{Exit, HasExit},
     graph::{Facts, GraphError, Plan},
     output::{Layers, Picture},
     packed::PackedScene,
@@ -86,6 +87,15 @@ pub enum RenderError {
     /// The GPU failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
+}
+
+impl HasExit for RenderError {
+    fn exit(&self) -> Exit {
+        match self {
+            Self::Graph(error) => error.exit(),
+            Self::Gpu(error) => error.exit(),
+        }
+    }
 }
 
 /// The uniform of frame 0 of a request: scene, view and knobs.

@@ -2,6 +2,8 @@
 
 use thiserror::Error;
 
+use crate::exit::{Exit, HasExit};
+
 /// What `--set` changes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
@@ -99,6 +101,12 @@ pub enum SettingError {
         /// What was given.
         value: String,
     },
+}
+
+impl HasExit for SettingError {
+    fn exit(&self) -> Exit {
+        Exit::Usage
+    }
 }
 
 impl Settings {

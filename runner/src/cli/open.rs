@@ -6,7 +6,7 @@ use weir::{
     packed::PackedScene,
     scene::{
         Camera, Scene, builtin, camera, environment,
-        error::SceneError,
+        error::{Place, SceneError},
         load::{LoadOptions, load},
     },
     settings::Settings,
@@ -82,7 +82,10 @@ pub fn open(arguments: &SceneArguments) -> anyhow::Result<Opened> {
         (None, Some(camera)) => camera,
         (None, None) => match scene.bounds() {
             Some(bounds) => Camera::framing(bounds),
-            None => return Err(SceneError::no_input(&scene.name, "the scene is empty", "add a triangle").into()),
+            None => {
+                let place = Place::new(&scene.name, 0);
+                return Err(SceneError::bad_data(place, "the scene is empty", "add a triangle").into());
+            }
         },
     };
     let start = Instant::now();

@@ -13,12 +13,12 @@ use weir::{
         cpu::Order,
         gpu::{AdapterChoice, Gpu},
     },
-    exit::Exit,
-    output::{Destination, Layers, exr, png},
+    exit::{Exit, Usage},
+    output::{Destination, Layers, atomic, exr, png},
     render::{Backend, Rendered, Request, Stop, camera_matrices, layers, render, render_reference},
 };
 
-use super::{Arguments, BackendArguments, BackendChoice, Command, Integrator, RenderArguments, Usage, open, stop_of};
+use super::{Arguments, BackendArguments, BackendChoice, Command, Integrator, RenderArguments, open, stop_of};
 
 /// The default scene to weir.png.
 pub fn default_scene() -> anyhow::Result<Exit> {
@@ -66,8 +66,9 @@ fn choose_gpu(arguments: &BackendArguments) -> anyhow::Result<Option<Gpu>> {
 
 /// Runs `weir render`.
 pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
-    let format = format_of(&arguments.output)?;
     let destination = Destination::from(arguments.output.clone());
+    atomic::check(&destination)?;
+    let format = format_of(&arguments.output)?;
     let stop = stop_of(arguments.spp, arguments.time)?;
     if !(arguments.exposure > 0.0 && arguments.exposure.is_finite()) {
         return Err(Usage(format!("--exposure takes a number above 0, not {}", arguments.exposure)).into());

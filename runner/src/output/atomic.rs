@@ -40,6 +40,19 @@ pub fn write(destination: &Destination, bytes: &[u8]) -> Result<(), OutputError>
     }
 }
 
+/// Finds out, before hours of work, whether there is a place to write to; it may still fill up or go away.
+///
+/// # Errors
+///
+/// Nothing can be created there; see [`OutputError`].
+pub fn check(destination: &Destination) -> Result<(), OutputError> {
+    match destination {
+        Destination::File(path) => target(path).map(drop),
+        Destination::Stdout if io::stdout().is_terminal() => Err(OutputError::Terminal),
+        Destination::Stdout => Ok(()),
+    }
+}
+
 /// What an output path leads to.
 enum Target {
     /// A regular file, there or not yet; links are resolved.

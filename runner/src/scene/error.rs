@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use crate::exit::{Exit, HasExit};
+
 /// A file, and a line in it where there is one.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Place {
@@ -69,6 +71,17 @@ pub enum SceneError {
         /// The broken promise, with the thing that breaks it.
         what: String,
     },
+}
+
+impl HasExit for SceneError {
+    fn exit(&self) -> Exit {
+        match self {
+            Self::NoInput { .. } => Exit::NoInput,
+            Self::Read { source, .. } => source.exit(),
+            Self::BadData { .. } => Exit::BadData,
+            Self::Invalid { .. } => Exit::Internal,
+        }
+    }
 }
 
 impl SceneError {

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use glam::Vec3;
 use serde::Serialize;
 
+use crate::exit::{Exit, HasExit};
 use crate::scene::{Camera, Environment, Scene, Texture};
 use files::PendingFiles;
 
@@ -73,6 +74,17 @@ pub enum ExportError {
         /// What is wrong with what.
         fault: String,
     },
+}
+
+impl HasExit for ExportError {
+    fn exit(&self) -> Exit {
+        match self {
+            Self::Directory { .. } => Exit::CannotCreate,
+            Self::Write { source, .. } if source.kind() == io::ErrorKind::PermissionDenied => Exit::CannotCreate,
+            Self::Write { source, .. } => source.exit(),
+            Self::Scene { .. } => Exit::Internal,
+        }
+    }
 }
 
 /// Writes `NAME.obj`, `NAME.mtl`, `NAME-texture-0.png` and so on, `NAME-camera.json` and `NAME-environment.exr`
