@@ -22,7 +22,8 @@ use super::{Arguments, BackendArguments, BackendChoice, Command, Integrator, Ren
 
 /// The default scene to weir.png.
 pub fn default_scene() -> anyhow::Result<Exit> {
-    let arguments = Arguments::parse_from(["weir", "render", "rooms", "-o", "weir.png", "--spp", "32"]);
+    let arguments =
+        Arguments::parse_from(["weir", "render", "rooms", "-o", "weir.png", "--size", "960x540", "--spp", "16"]);
     match &arguments.command {
         Some(Command::Render(arguments)) => run(arguments),
         _ => unreachable!("the words above are a render command"),
