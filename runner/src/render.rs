@@ -217,6 +217,10 @@ pub fn render(
     }
     executor.finish()?;
     let elapsed = start.elapsed();
+    if let Executor::Gpu(gpu) = &executor {
+        // What `run` returned were the times of a frame before the last.
+        pass_times = gpu.last_times().to_vec();
+    }
     let moments = executor.read(&plan, "moments")?;
     let moments: &[Moments] = moments.elements();
     let display = executor.read(&plan, "display")?.elements().to_vec();
