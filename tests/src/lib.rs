@@ -4,10 +4,15 @@ pub mod scenes;
 
 use weir::{
     executor::gpu::{AdapterChoice, Gpu},
-    graph::Facts,
     packed::PackedScene,
+    render::{Request, Stop, frame_of},
     scene::Camera,
+    settings::Settings,
+    technique::ToneCurve,
 };
+
+pub use weir::render::facts_of as facts;
+
 use weir_shared::frame::Frame;
 
 /// The GPU that tests run on; without one, says so and returns nothing.
@@ -25,31 +30,18 @@ pub fn gpu_or_skip(test: &str) -> Option<Gpu> {
     }
 }
 
-/// What a plan of a packed scene depends on.
-pub fn facts(packed: &PackedScene, width: u32, height: u32) -> Facts {
-    Facts { width, height, has: packed.has(), features: packed.features.clone() }
-}
-
 /// The first `count` frames of an accumulation, with jitter and four candidates.
 pub fn frames(packed: &PackedScene, camera: &Camera, width: u32, height: u32, count: u32) -> Vec<Frame> {
-    let forward = (camera.target - camera.origin).normalize();
-    let right = forward.cross(camera.up).normalize();
-    let up = right.cross(forward);
-    let half_height = (camera.vfov_deg.to_radians() * 0.5).tan();
-    let half_width = half_height * width as f32 / height as f32;
-    let first = Frame {
+    let request = Request {
         width,
         height,
+        camera: *camera,
         seed: 7,
-        camera_origin: camera.origin,
-        camera_right: right * half_width,
-        camera_up: up * half_height,
-        camera_forward: forward,
-        jitter: 1,
+        stop: Stop::Samples(count),
+        curve: ToneCurve::default(),
         exposure: 1.0,
-        candidates: 4,
-        pick_by_power: 1,
-        ..packed.frame
+        settings: Settings { candidates: 4, ..Settings::default() },
     };
+    let first = frame_of(packed, &request);
     (0..count).map(|i| Frame { index: i, accumulated: i, ..first }).collect()
 }
