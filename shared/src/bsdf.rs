@@ -6,7 +6,7 @@ use core::f32::consts::{FRAC_1_PI, PI, TAU};
 use glam::Vec3;
 
 use crate::{
-    numerics::{abs, copysign, max, safe_sqrt, sin_cos, sqrt},
+    numerics::{copysign, max, safe_sqrt, sin_cos, sqrt},
     surface::Surface,
 };
 
@@ -176,18 +176,6 @@ pub fn basis(n: Vec3) -> (Vec3, Vec3) {
     (Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), Vec3::new(b, sign + n.y * n.y * a, -n.y))
 }
 
-/// Relative luminance of linear Rec. 709.
-#[inline(always)]
-pub fn luminance(rgb: Vec3) -> f32 {
-    0.2126 * rgb.x + 0.7152 * rgb.y + 0.0722 * rgb.z
-}
-
-/// Whether a computed normal is of length 1 to rounding; for assertions.
-#[inline(always)]
-pub fn is_unit(n: Vec3) -> bool {
-    abs(n.length_squared() - 1.0) < 1e-4
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -207,6 +195,10 @@ mod tests {
             instance: 0x8000_0000,
             ..Surface::default()
         }
+    }
+
+    fn is_unit(n: Vec3) -> bool {
+        (n.length_squared() - 1.0).abs() < 1e-4
     }
 
     fn numbers(i: u32) -> (f32, f32, f32) {
