@@ -13,7 +13,7 @@ use weir::{
     render::{Request, Stop, frame_of},
     scene::{Camera, builtin, camera, load},
     settings::Settings,
-    technique::ToneCurve,
+    technique::{Technique, ToneCurve},
 };
 use weir_shader::wiring::Feature;
 use weir_shared::{
@@ -53,6 +53,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         stop: Stop::Samples(1),
         curve: ToneCurve::default(),
         exposure: 1.0,
+        technique: Technique::Candidates,
         settings: Settings::default(),
     };
     let frame = frame_of(&packed, &request);

@@ -14,7 +14,7 @@ use weir::{
     render::{Stop, facts_of},
     scene::{builtin::BUILTIN, export},
     settings::KNOBS,
-    technique::{ToneCurve, direct_light},
+    technique::{Technique, ToneCurve, direct_light},
 };
 
 /// Real-time rendering of scenes with one to millions of lights, by reservoir resampling.
@@ -143,7 +143,7 @@ struct RenderArguments {
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u32,
     /// How light is computed
-    #[arg(long, value_enum, default_value_t = Integrator::Ris)]
+    #[arg(long, value_enum, default_value_t = Integrator::Restir)]
     integrator: Integrator,
     /// Tone curve of PNG files
     #[arg(long, value_enum, default_value_t = ToneCurve::Agx)]
@@ -158,10 +158,26 @@ struct RenderArguments {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Integrator {
-    /// The passes: resampled candidates, one shadow ray
+    /// Independent frames, each with resampled candidates and spatial reuse
+    Restir,
+    /// Frames that reuse the one before, as a viewer shows them; the last of `--spp` frames is the picture
+    RestirTemporal,
+    /// Resampled candidates without reuse, one shadow ray
     Ris,
     /// A plain path tracer on the CPU, apart from the passes
     Reference,
+}
+
+impl Integrator {
+    /// The passes it stands for; none for the reference.
+    fn technique(self) -> Option<Technique> {
+        match self {
+            Self::Restir => Some(Technique::Still),
+            Self::RestirTemporal => Some(Technique::RealTime),
+            Self::Ris => Some(Technique::Candidates),
+            Self::Reference => None,
+        }
+    }
 }
 
 #[derive(Debug, Args)]
@@ -177,6 +193,9 @@ struct CheckArguments {
     /// Size of the frames
     #[arg(long, value_name = "WxH", default_value = "320x180")]
     size: Size,
+    /// Which passes; `restir` and `restir-temporal` both if not given
+    #[arg(long, value_enum)]
+    integrator: Option<Integrator>,
     /// Frames to compare
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u32).range(1..=1000))]
     frames: u32,
@@ -192,6 +211,9 @@ struct GraphArguments {
     /// Size of the frame
     #[arg(long, value_name = "WxH", default_value = "1280x720")]
     size: Size,
+    /// Which passes
+    #[arg(long, value_enum, default_value_t = Integrator::Restir)]
+    integrator: Integrator,
     /// In the DOT language of Graphviz
     #[arg(long)]
     dot: bool,
@@ -228,8 +250,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         Some(Command::Check(arguments)) => check::run(arguments),
         Some(Command::Graph(arguments)) => {
             let opened = open::open(&arguments.scene)?;
-            let facts = facts_of(&opened.packed, arguments.size.width, arguments.size.height);
-            let plan = direct_light(&facts, ToneCurve::default(), &["moments", "display"])?;
+            let settings = &opened.settings;
+            let facts = facts_of(&opened.packed, arguments.size.width, arguments.size.height, settings);
+            let technique = arguments.integrator.technique().ok_or_else(no_passes)?;
+            let plan = direct_light(technique, settings, &facts, ToneCurve::default(), &["moments", "display"])?;
             print(&if arguments.dot { plan.to_dot() } else { format!("{plan}\n") })?;
             Ok(Exit::Ok)
         }
@@ -251,6 +275,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
             Ok(Exit::Ok)
         }
     }
+}
+
+/// The reference is not made of passes.
+fn no_passes() -> Usage {
+    Usage(String::from("the reference integrator has no passes; name another with --integrator"))
 }
 
 /// When to stop: samples, or time.

@@ -9,8 +9,8 @@ mod report;
 use std::collections::BTreeMap;
 
 use thiserror::Error;
-use weir_shader::wiring::{Access, Pass};
-use weir_shared::frame::Frame;
+use weir_shader::wiring::{Access, Extent, Pass};
+use weir_shared::frame::FramePair;
 
 pub use report::{Difference, Report, Row};
 
@@ -22,7 +22,10 @@ use crate::{
     },
     exit::{Exit, HasExit},
     graph::{Facts, GraphError, Plan, Planned, Slot},
-    technique::{RESOURCES, ToneCurve, direct_light_with},
+    packed::{Changed, PackError},
+    sequence::{Sequence, Shot},
+    settings::Settings,
+    technique::{RESOURCES, Technique, ToneCurve, direct_light_with},
 };
 
 /// What to compare.
@@ -30,6 +33,10 @@ use crate::{
 pub struct Check<'a> {
     /// The host's side. Entry points are taken from it as well, so it must be the pass table or one like it.
     pub passes: &'static [Pass],
+    /// Which frames.
+    pub technique: Technique,
+    /// Their settings.
+    pub settings: &'a Settings,
     /// Size, and what the scene has.
     pub facts: &'a Facts,
     /// Which of the display passes.
@@ -46,6 +53,9 @@ pub enum CheckError {
     /// The frame has no plan.
     #[error(transparent)]
     Graph(#[from] GraphError),
+    /// A shot can't be shown.
+    #[error(transparent)]
+    Pack(#[from] PackError),
     /// The GPU failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
@@ -55,23 +65,33 @@ impl HasExit for CheckError {
     fn exit(&self) -> Exit {
         match self {
             Self::Graph(error) => error.exit(),
+            Self::Pack(error) => error.exit(),
             Self::Gpu(error) => error.exit(),
         }
     }
 }
 
-/// Runs the frames on the GPU, and every pass of each of them on the host as well.
+/// Runs a frame for each shot on the GPU, and every pass of each of them on the host as well.
 ///
-/// Give it more than one frame, with `accumulated` counting: only then does history hold anything.
+/// Give it more than one frame: only then does history hold anything.
 ///
 /// # Errors
-/// If the size is refused or the GPU fails. A difference is not an error, but in the report.
-pub fn check(gpu: &Gpu, what: &Check<'_>, scene: SceneBuffers<'_>, frames: &[Frame]) -> Result<Report, CheckError> {
+/// If the size is refused, a shot can't be shown or the GPU fails. A difference is not an error, but in the report.
+pub fn check(gpu: &Gpu, what: &Check<'_>, sequence: &mut Sequence<'_>, shots: &[Shot]) -> Result<Report, CheckError> {
     let plan = unshared_plan(what)?;
+    let scene = sequence.packed().buffers();
     let mut executor = GpuExecutor::new(gpu, &plan, scene, what.loader, what.module)?;
     let mut report = Report::new(gpu, what.module, executor.loader(), &plan);
-    for frame in frames {
-        executor.run(frame)?;
+    for (i, shot) in shots.iter().enumerate() {
+        let (mut frames, changed) = sequence.next(shot)?;
+        if what.technique != Technique::RealTime {
+            frames.now.accumulated = i as u32;
+        }
+        let scene = sequence.packed().buffers();
+        for Changed { buffer, range } in changed {
+            executor.update_scene(buffer, range.start as u64, &scene.bytes(buffer)[range])?;
+        }
+        executor.run(&frames)?;
         let mut contents = BTreeMap::new();
         for &(_, slot) in plan.steps.iter().flat_map(|s| &s.slots) {
             if !matches!(slot, Slot::Scene(_)) && !contents.contains_key(&slot) {
@@ -79,7 +99,7 @@ pub fn check(gpu: &Gpu, what: &Check<'_>, scene: SceneBuffers<'_>, frames: &[Fra
             }
         }
         for step in &plan.steps {
-            compare_step(step, scene, frame, &contents, &mut report);
+            compare_step(step, scene, &frames, &contents, &mut report);
         }
         report.frames += 1;
     }
@@ -88,17 +108,19 @@ pub fn check(gpu: &Gpu, what: &Check<'_>, scene: SceneBuffers<'_>, frames: &[Fra
 
 /// The plan of a frame in which every result has its own memory, so that all are there after the last pass.
 fn unshared_plan(what: &Check<'_>) -> Result<Plan, GraphError> {
-    let shared = direct_light_with(what.passes, what.facts, what.curve, &["display"])?;
-    let bindings = shared.steps.iter().flat_map(|s| s.pass.bindings);
-    let outputs: Vec<_> = bindings.filter(|b| b.access == Access::Write).map(|b| b.name).collect();
+    let plan = |outputs: &[&'static str]| {
+        direct_light_with(what.passes, what.technique, what.settings, what.facts, what.curve, outputs)
+    };
+    let shared = plan(&["display"])?;
+    let outputs: Vec<_> = shared.steps.iter().flat_map(|s| s.writes().map(|(name, _)| name)).collect();
     // Outputs live to the end of the frame.
-    direct_light_with(what.passes, what.facts, what.curve, &outputs)
+    plan(&outputs)
 }
 
 fn compare_step(
     step: &Planned,
     scene: SceneBuffers<'_>,
-    frame: &Frame,
+    frames: &FramePair,
     contents: &BTreeMap<Slot, AlignedBytes>,
     report: &mut Report,
 ) {
@@ -108,16 +130,21 @@ fn compare_step(
     };
     let bound = |access| step.slots.iter().filter(move |slot| slot.0 == access).map(|&(_, slot)| slot);
     let inputs: Vec<&[u8]> = bound(Access::Read).map(on_gpu).collect();
-    let written: Vec<_> = step.pass.bindings.iter().filter(|b| b.access == Access::Write).collect();
-    let strides: Vec<usize> = written.iter().map(|b| b.stride).collect();
-    let pixels = frame.width as usize * frame.height as usize;
-    let mut on_host: Vec<AlignedBytes> = strides.iter().map(|stride| AlignedBytes::zeroed(stride * pixels)).collect();
+    let elements = frame_elements(step, frames);
+    let mut on_host: Vec<AlignedBytes> =
+        step.writes().map(|(_, stride)| AlignedBytes::zeroed(stride * elements)).collect();
     let outputs = on_host.iter_mut().map(AlignedBytes::bytes_mut).collect();
-    run_kernel(step, frame, Order::default(), &inputs, outputs, &strides);
+    run_kernel(step, frames, Order::default(), &inputs, outputs);
 
-    for ((binding, slot), host) in written.into_iter().zip(bound(Access::Write)).zip(&on_host) {
-        let floats = RESOURCES.iter().find(|r| r.name == binding.name).map_or(0, |r| r.float_words);
+    for ((written, slot), host) in step.writes().zip(bound(Access::Write)).zip(&on_host) {
+        let floats = RESOURCES.iter().find(|r| r.name == written.0).map_or(0, |r| r.float_words);
         let gpu_words: &[u32] = bytemuck::cast_slice(&on_gpu(slot)[..host.bytes().len()]);
-        report.compare(step.pass.name, binding, floats, frame, gpu_words, host.elements());
+        report.compare(step.pass.name, written, floats, &frames.now, gpu_words, host.elements());
     }
+}
+
+/// Number of elements of each output of a step.
+fn frame_elements(step: &Planned, frames: &FramePair) -> usize {
+    let pixels = frames.now.width as usize * frames.now.height as usize;
+    if step.pass.extent == Extent::Pixels { pixels } else { pixels * frames.now.reservoirs as usize }
 }

@@ -11,7 +11,8 @@ mod print;
 use std::collections::BTreeSet;
 
 use thiserror::Error;
-use weir_shader::wiring::{Access, Binding, Feature, Pass, Variant};
+use weir_shader::wiring::{Access, Extent, Feature, Pass, Variant};
+use weir_shared::frame::{Frame, FramePair};
 
 use crate::exit::{Exit, HasExit};
 
@@ -26,6 +27,8 @@ pub struct Resource {
     pub stride: usize,
     /// Bit i: word i of an element is a float.
     pub float_words: u32,
+    /// How many elements it has.
+    pub extent: Extent,
     /// How long it lives.
     pub life: Life,
 }
@@ -35,16 +38,26 @@ pub struct Resource {
 pub enum Life {
     /// As long as the scene, which also sets its size; no pass writes it.
     Scene,
-    /// Within a frame, one element a pixel; shares memory with others.
+    /// Within a frame; shares memory with others.
     Transient,
-    /// Into the next frame, one element a pixel.
+    /// Into the next frame.
     History,
 }
 
 impl Resource {
-    /// A resource with elements of type `T`.
+    /// A resource with an element of type `T` for each pixel.
     pub const fn new<T: Element>(name: &'static str, life: Life) -> Self {
-        Self { name, stride: size_of::<T>(), float_words: T::FLOAT_WORDS, life }
+        Self { name, stride: size_of::<T>(), float_words: T::FLOAT_WORDS, extent: Extent::Pixels, life }
+    }
+
+    /// A resource with an element of type `T` for each reservoir of each pixel.
+    pub const fn reservoirs<T: Element>(name: &'static str, life: Life) -> Self {
+        Self { extent: Extent::Reservoirs, ..Self::new::<T>(name, life) }
+    }
+
+    /// Bytes of it, for what is not the scene's.
+    pub(crate) fn bytes(&self, facts: &Facts) -> u64 {
+        self.stride as u64 * facts.elements(self.extent)
     }
 }
 
@@ -64,23 +77,50 @@ impl std::fmt::Display for Need {
 }
 
 /// A pass in the frame, with what it is good for only if the scene has it.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Step {
     /// Name in the pass table.
     pub pass: &'static str,
     /// Without this, the step is left out and its results read as zeros.
     pub needs: Option<Need>,
+    /// Why the settings leave the step out, if they do.
+    pub off: Option<&'static str>,
+    /// Resources that stand in for those that the pass names: (name in the pass, resource).
+    pub renamed: Vec<(&'static str, &'static str)>,
+    /// Which round of a repeated pass this is, from 0: what `Frame::round` says to it.
+    pub round: u32,
 }
 
 /// A step that always runs.
 pub const fn step(pass: &'static str) -> Step {
-    Step { pass, needs: None }
+    Step { pass, needs: None, off: None, renamed: Vec::new(), round: 0 }
 }
 
 impl Step {
     /// The step, run only in scenes that have `need`.
-    pub const fn needs(self, need: Need) -> Self {
+    pub fn needs(self, need: Need) -> Self {
         Self { needs: Some(need), ..self }
+    }
+
+    /// The step, run only if the settings want it; else the reason why not.
+    pub fn only_if(self, wanted: bool, reason: &'static str) -> Self {
+        Self { off: if wanted { None } else { Some(reason) }, ..self }
+    }
+
+    /// The step with `resource` in place of what the pass calls `name`.
+    pub fn with(mut self, name: &'static str, resource: &'static str) -> Self {
+        self.renamed.push((name, resource));
+        self
+    }
+
+    /// The step as round `round` of a repeated pass.
+    pub fn round(self, round: u32) -> Self {
+        Self { round, ..self }
+    }
+
+    /// The resource behind what the pass calls `name`.
+    fn resource_of(&self, name: &'static str) -> &'static str {
+        self.renamed.iter().find(|(from, _)| *from == name).map_or(name, |(_, to)| to)
     }
 }
 
@@ -91,10 +131,23 @@ pub struct Facts {
     pub width: u32,
     /// Rows.
     pub height: u32,
+    /// Reservoirs of each pixel.
+    pub reservoirs: u32,
     /// What the scene has of what steps may need.
     pub has: Vec<Need>,
     /// Features that choose among the variants of passes.
     pub features: Vec<Feature>,
+}
+
+impl Facts {
+    /// Number of elements of an extent.
+    pub fn elements(&self, extent: Extent) -> u64 {
+        let pixels = u64::from(self.width) * u64::from(self.height);
+        match extent {
+            Extent::Pixels => pixels,
+            Extent::Reservoirs => pixels * u64::from(self.reservoirs),
+        }
+    }
 }
 
 /// Why a step does not run.
@@ -104,6 +157,8 @@ pub enum Culled {
     NothingReadsIt,
     /// The scene lacks what the step needs.
     SceneHasNo(Need),
+    /// The settings do without, for this reason.
+    Setting(&'static str),
 }
 
 impl std::fmt::Display for Culled {
@@ -111,6 +166,7 @@ impl std::fmt::Display for Culled {
         match self {
             Self::NothingReadsIt => f.write_str("nothing reads what it writes"),
             Self::SceneHasNo(need) => write!(f, "the scene has no {need}"),
+            Self::Setting(reason) => f.write_str(reason),
         }
     }
 }
@@ -139,6 +195,23 @@ pub struct Planned {
     pub variant: &'static Variant,
     /// Memory for each binding of the pass, in its order.
     pub slots: Vec<(Access, Slot)>,
+    /// Resource of each binding of the pass, in its order; last frame's contents are `prev_` and its name.
+    pub names: Vec<&'static str>,
+    /// Which round of a repeated pass this is.
+    pub round: u32,
+}
+
+impl Planned {
+    /// The frame as this step sees it.
+    pub fn frames(&self, frames: &FramePair) -> FramePair {
+        FramePair { now: Frame { round: self.round, ..frames.now }, prev: frames.prev }
+    }
+
+    /// Names of the resources that it writes, with the bytes of an element.
+    pub fn writes(&self) -> impl Iterator<Item = (&'static str, usize)> + '_ {
+        let bindings = self.pass.bindings.iter().zip(&self.names);
+        bindings.filter(|(b, _)| b.access == Access::Write).map(|(b, name)| (*name, b.stride))
+    }
 }
 
 /// A doubled buffer.
@@ -194,6 +267,18 @@ pub enum GraphError {
         pass_stride: usize,
         /// Bytes of an element in the table.
         stride: usize,
+    },
+    /// A pass computes an element for each of one thing, the resource has one for each of another.
+    #[error("pass `{pass}` writes `{name}` once for each {pass_extent}, the resource table says each {extent}")]
+    Extent {
+        /// The pass.
+        pass: &'static str,
+        /// The resource.
+        name: &'static str,
+        /// Of the pass.
+        pass_extent: Extent,
+        /// Of the resource.
+        extent: Extent,
     },
     /// A result is read before it is written.
     #[error("pass `{pass}` reads `{name}`, but no earlier step writes it; for last frame's value bind `prev_{name}`")]
@@ -263,28 +348,52 @@ impl HasExit for GraphError {
     }
 }
 
-/// A binding, resolved: which resource, and whether last frame's.
+/// A binding of a step, resolved: which resource, and whether last frame's.
 #[derive(Clone, Copy)]
 struct Use {
+    access: Access,
     resource: Resource,
     previous: bool,
+    /// Name of the resource, with `prev_` for last frame's.
+    name: &'static str,
 }
 
-fn resolve(pass: &Pass, binding: &Binding, resources: &[Resource]) -> Result<Use, GraphError> {
-    let base = binding.name.strip_prefix("prev_");
-    let name = base.unwrap_or(binding.name);
-    let resource = *resources
-        .iter()
-        .find(|r| r.name == name)
-        .ok_or(GraphError::UnknownResource { pass: pass.name, name: binding.name })?;
-    if resource.stride != binding.stride {
-        let (pass_stride, stride) = (binding.stride, resource.stride);
-        return Err(GraphError::Stride { pass: pass.name, name: binding.name, pass_stride, stride });
+/// A step with its row of the pass table and its resources.
+struct Resolved {
+    pass: &'static Pass,
+    uses: Vec<Use>,
+}
+
+impl Resolved {
+    fn names(&self, access: Access) -> impl Iterator<Item = &'static str> + '_ {
+        self.uses.iter().filter(move |u| u.access == access).map(|u| u.resource.name)
     }
-    if base.is_some() && resource.life != Life::History {
-        return Err(GraphError::NotHistory { pass: pass.name, name: resource.name });
+}
+
+fn resolve(step: &Step, passes: &'static [Pass], resources: &[Resource]) -> Result<Resolved, GraphError> {
+    let pass = passes.iter().find(|p| p.name == step.pass).ok_or(GraphError::UnknownPass(step.pass))?;
+    let mut uses = Vec::new();
+    for binding in pass.bindings {
+        let name = step.resource_of(binding.name);
+        let base = name.strip_prefix("prev_");
+        let resource = *resources
+            .iter()
+            .find(|r| r.name == base.unwrap_or(name))
+            .ok_or(GraphError::UnknownResource { pass: pass.name, name })?;
+        if resource.stride != binding.stride {
+            let (pass_stride, stride) = (binding.stride, resource.stride);
+            return Err(GraphError::Stride { pass: pass.name, name, pass_stride, stride });
+        }
+        if base.is_some() && resource.life != Life::History {
+            return Err(GraphError::NotHistory { pass: pass.name, name: resource.name });
+        }
+        if binding.access == Access::Write && resource.life != Life::Scene && resource.extent != pass.extent {
+            let (pass_extent, extent) = (pass.extent, resource.extent);
+            return Err(GraphError::Extent { pass: pass.name, name, pass_extent, extent });
+        }
+        uses.push(Use { access: binding.access, resource, previous: base.is_some(), name });
     }
-    Ok(Use { resource, previous: base.is_some() })
+    Ok(Resolved { pass, uses })
 }
 
 /// Checks the steps, leaves out what `outputs` do not depend on or the scene has no use for, and places memory.
@@ -302,8 +411,8 @@ pub fn plan(
     if !(1..=32_768).contains(&width) || !(1..=32_768).contains(&height) {
         return Err(GraphError::Size(width, height));
     }
-    let rows = check(steps, passes, resources, outputs)?;
-    let (live, culled) = cull(steps, &rows, facts, outputs);
+    let resolved = check(steps, passes, resources, outputs)?;
+    let (live, culled) = cull(steps, resolved, facts, outputs);
     Ok(place::place(&live, culled, resources, facts, outputs))
 }
 
@@ -313,17 +422,17 @@ fn check(
     passes: &'static [Pass],
     resources: &[Resource],
     outputs: &[&'static str],
-) -> Result<Vec<&'static Pass>, GraphError> {
-    let mut rows = Vec::new();
+) -> Result<Vec<Resolved>, GraphError> {
+    let mut all = Vec::new();
     let mut written: Vec<(&'static str, &'static str)> = Vec::new();
     for step in steps {
-        let pass = passes.iter().find(|p| p.name == step.pass).ok_or(GraphError::UnknownPass(step.pass))?;
-        for binding in pass.bindings {
-            let Use { resource, previous } = resolve(pass, binding, resources)?;
+        let resolved = resolve(step, passes, resources)?;
+        let pass = resolved.pass;
+        for Use { access, resource, previous, name: full_name } in &resolved.uses {
             let name = resource.name;
-            let own = pass.bindings.iter().any(|b| b.access == Access::Write && b.name == binding.name);
-            match binding.access {
-                Access::Read if previous || resource.life == Life::Scene => {}
+            let own = resolved.uses.iter().any(|u| u.access == Access::Write && u.name == *full_name);
+            match access {
+                Access::Read if *previous || resource.life == Life::Scene => {}
                 Access::Read if own => return Err(GraphError::ReadsOwnOutput { pass: pass.name, name }),
                 Access::Read if !written.iter().any(|(w, _)| *w == name) => {
                     return Err(GraphError::ReadBeforeWrite { pass: pass.name, name });
@@ -340,43 +449,46 @@ fn check(
                 }
             }
         }
-        rows.push(pass);
+        all.push(resolved);
     }
-    for pass in &rows {
-        for name in pass.bindings.iter().filter_map(|b| b.name.strip_prefix("prev_")) {
-            if !written.iter().any(|(w, _)| *w == name) {
-                return Err(GraphError::HistoryNeverWritten { pass: pass.name, name });
+    for resolved in &all {
+        for Use { resource, .. } in resolved.uses.iter().filter(|u| u.previous) {
+            if !written.iter().any(|(w, _)| *w == resource.name) {
+                let (pass, name) = (resolved.pass.name, resource.name);
+                return Err(GraphError::HistoryNeverWritten { pass, name });
             }
         }
     }
     match outputs.iter().find(|&&o| !written.iter().any(|(w, _)| *w == o)) {
         Some(missing) => Err(GraphError::UnknownOutput(missing)),
-        None => Ok(rows),
+        None => Ok(all),
     }
 }
 
-/// A step that survived: its pass and the variant for the scene.
+/// A step that survived: its pass, its resources and the variant for the scene.
 struct Live {
-    pass: &'static Pass,
+    resolved: Resolved,
     variant: &'static Variant,
+    round: u32,
 }
 
 fn cull(
     steps: &[Step],
-    rows: &[&'static Pass],
+    resolved: Vec<Resolved>,
     facts: &Facts,
     outputs: &[&'static str],
 ) -> (Vec<Live>, Vec<(&'static str, Culled)>) {
-    let lacks = |step: &Step| step.needs.filter(|need| !facts.has.contains(need));
+    let lacks = |step: &Step| {
+        let need = step.needs.filter(|need| !facts.has.contains(need)).map(Culled::SceneHasNo);
+        need.or(step.off.map(Culled::Setting))
+    };
     // Backwards from the outputs, until history adds nothing more.
     let mut wanted: BTreeSet<&str> = outputs.iter().copied().collect();
     loop {
         let before = wanted.len();
-        for (step, pass) in steps.iter().zip(rows).rev() {
-            let writes_wanted = pass.bindings.iter().any(|b| b.access == Access::Write && wanted.contains(b.name));
-            if lacks(step).is_none() && writes_wanted {
-                let reads = pass.bindings.iter().filter(|b| b.access == Access::Read);
-                wanted.extend(reads.map(|b| b.name.strip_prefix("prev_").unwrap_or(b.name)));
+        for (step, resolved) in steps.iter().zip(&resolved).rev() {
+            if lacks(step).is_none() && resolved.names(Access::Write).any(|name| wanted.contains(name)) {
+                wanted.extend(resolved.names(Access::Read));
             }
         }
         if wanted.len() == before {
@@ -384,12 +496,15 @@ fn cull(
         }
     }
     let (mut live, mut culled) = (Vec::new(), Vec::new());
-    for (step, &pass) in steps.iter().zip(rows) {
-        let writes_wanted = pass.bindings.iter().any(|b| b.access == Access::Write && wanted.contains(b.name));
+    for (step, resolved) in steps.iter().zip(resolved) {
+        let writes_wanted = resolved.names(Access::Write).any(|name| wanted.contains(name));
         match lacks(step) {
-            Some(need) => culled.push((step.pass, Culled::SceneHasNo(need))),
+            Some(reason) => culled.push((step.pass, reason)),
             None if !writes_wanted => culled.push((step.pass, Culled::NothingReadsIt)),
-            None => live.push(Live { pass, variant: pass.variant(&facts.features) }),
+            None => {
+                let variant = resolved.pass.variant(&facts.features);
+                live.push(Live { resolved, variant, round: step.round });
+            }
         }
     }
     (live, culled)
@@ -408,14 +523,15 @@ impl Plan {
 
     /// Bytes of a result of one of the steps; `None` if no step writes it.
     pub fn output_bytes(&self, name: &str) -> Option<usize> {
-        let bindings = self.steps.iter().flat_map(|s| s.pass.bindings);
-        let written = bindings.filter(|b| b.access == Access::Write).find(|b| b.name == name)?;
-        Some(written.stride * self.pixels() as usize)
+        self.steps.iter().find_map(|step| {
+            let (_, stride) = step.writes().find(|(written, _)| *written == name)?;
+            Some(stride * self.facts.elements(step.pass.extent) as usize)
+        })
     }
 
-    /// Pixels of the image.
-    pub fn pixels(&self) -> u64 {
-        u64::from(self.facts.width) * u64::from(self.facts.height)
+    /// Number of rounds that some pass is repeated for; at least 1.
+    pub fn rounds(&self) -> u32 {
+        self.steps.iter().map(|s| s.round + 1).max().unwrap_or(1)
     }
 }
 

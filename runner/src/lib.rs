@@ -9,6 +9,7 @@ pub mod packed;
 pub mod reference;
 pub mod render;
 pub mod scene;
+pub mod sequence;
 pub mod settings;
 pub mod shaders;
 pub mod technique;

@@ -267,7 +267,7 @@ impl<'a> Reference<'a> {
     fn triangle_sample(&self, surface: &Surface, bsdf: &Bsdf, rng: &mut Pcg64Mcg) -> DVec3 {
         let (frame, scene) = (&self.frame, &self.scene);
         let id = ((uniform(rng) * f64::from(frame.light_count)) as u32).min(frame.light_count - 1);
-        let (instance, triangle) = light::triangle_of(frame, scene, id);
+        let light::Place { instance, triangle } = light::find(frame, scene, id);
         let vertices = scene.world_triangle(frame, instance, triangle);
         let root = uniform(rng).sqrt();
         let split = uniform(rng);
@@ -282,7 +282,7 @@ impl<'a> Reference<'a> {
         if distance2 == 0.0 || distance2.is_nan() || facing == 0.0 || (facing < 0.0 && !two_sided) {
             return DVec3::ZERO;
         }
-        let mut emission = scene.material_rgb(material, material_record::EMISSION);
+        let mut emission = scene.emission(frame, instance, material);
         let map = scene.material_word(material, material_record::EMISSION_TEXTURE);
         if map != NO_TEXTURE {
             emission *= texture::rgb_at(frame, scene, map, scene.uv_at(frame, instance, triangle, b, c));

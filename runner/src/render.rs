@@ -2,9 +2,15 @@
 
 use std::time::{Duration, Instant};
 
-use glam::{Mat4, Vec3, Vec4};
+use glam::{Mat4, UVec2, Vec3, Vec4};
 use thiserror::Error;
-use weir_shared::{frame::Frame, light::ENVIRONMENT_BIT, moments::Moments, reservoir::Reservoir, surface::Surface};
+use weir_shared::{
+    frame::{Frame, FramePair},
+    light::ENVIRONMENT_BIT,
+    moments::Moments,
+    reservoir::Reservoir,
+    surface::Surface,
+};
 
 use crate::{
     executor::{
@@ -15,11 +21,12 @@ use crate::{
     exit::{Exit, HasExit},
     graph::{Facts, GraphError, Plan},
     output::{Layers, Picture},
-    packed::PackedScene,
+    packed::{Changed, PackError, PackedScene},
     reference::{Estimate, Reference},
     scene::Camera,
+    sequence::Sequence,
     settings::Settings,
-    technique::{ToneCurve, direct_light},
+    technique::{Technique, ToneCurve, direct_light},
 };
 
 /// When a picture is done.
@@ -48,6 +55,8 @@ pub struct Request {
     pub curve: ToneCurve,
     /// Multiplies radiance before the tone curve.
     pub exposure: f32,
+    /// Which passes.
+    pub technique: Technique,
     /// Knobs.
     pub settings: Settings,
 }
@@ -84,6 +93,9 @@ pub enum RenderError {
     /// The frame has no plan.
     #[error(transparent)]
     Graph(#[from] GraphError),
+    /// The scene has no such moment.
+    #[error(transparent)]
+    Pack(#[from] PackError),
     /// The GPU failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
@@ -93,6 +105,7 @@ impl HasExit for RenderError {
     fn exit(&self) -> Exit {
         match self {
             Self::Graph(error) => error.exit(),
+            Self::Pack(error) => error.exit(),
             Self::Gpu(error) => error.exit(),
         }
     }
@@ -100,7 +113,11 @@ impl HasExit for RenderError {
 
 /// The uniform of frame 0 of a request: scene, view and knobs.
 pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
-    let camera = &request.camera;
+    let (camera, settings) = (&request.camera, &request.settings);
+    let neighbors = match request.technique {
+        Technique::RealTime => [settings.spatial_neighbors, settings.spatial_neighbors_unseen],
+        Technique::Still | Technique::Candidates => [settings.still_neighbors; 2],
+    };
     let forward = (camera.target - camera.origin).normalize();
     let right = forward.cross(camera.up).normalize();
     let up = right.cross(forward);
@@ -114,19 +131,41 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
         camera_origin: camera.origin,
         accumulated: 0,
         camera_right: right * half_width,
-        jitter: 1,
+        jitter: u32::from(settings.jitter),
         camera_up: up * half_height,
         exposure: request.exposure,
         camera_forward: forward,
-        candidates: request.settings.candidates,
-        pick_by_power: u32::from(request.settings.pick_by_power),
+        candidates: settings.candidates,
+        pick_by_power: u32::from(settings.pick_by_power),
+        reservoirs: settings.reservoirs,
+        round: 0,
+        choice: settings.choice,
+        candidates_bsdf: settings.candidates_bsdf,
+        candidates_full: settings.candidates_full,
+        mis_form: settings.mis_form,
+        has_history: 0,
+        temporal_neighbors: settings.temporal_neighbors,
+        temporal_neighbors_unseen: settings.temporal_neighbors_unseen,
+        spatial_neighbors: neighbors[0],
+        spatial_neighbors_unseen: neighbors[1],
+        confidence_cap: settings.confidence_cap,
+        neighbor_rule: settings.neighbor_rule,
+        radius_px: settings.radius_px,
+        normal_cosine: settings.normal_angle_deg.to_radians().cos(),
+        plane_tolerance: settings.plane_tolerance,
+        roughness_tolerance: settings.roughness_tolerance,
+        probe: settings.rays.probe(),
+        lattice: settings.lattice,
+        occlusion_reach: settings.occlusion_reach_px,
+        occlusion: settings.occlusion,
+        candidates_off_lattice: settings.candidates_off_lattice,
         ..packed.frame
     }
 }
 
 /// What the plan of a request depends on.
-pub fn facts_of(packed: &PackedScene, width: u32, height: u32) -> Facts {
-    Facts { width, height, has: packed.has(), features: packed.features.clone() }
+pub fn facts_of(packed: &PackedScene, width: u32, height: u32, settings: &Settings) -> Facts {
+    Facts { width, height, reservoirs: settings.reservoirs, has: packed.has(), features: packed.features.clone() }
 }
 
 /// An executor of either kind.
@@ -152,15 +191,25 @@ impl Executor {
         &mut self,
         plan: &Plan,
         scene: SceneBuffers<'_>,
-        frame: &Frame,
+        frames: &FramePair,
     ) -> Result<Vec<(&'static str, Duration)>, GpuError> {
         match self {
-            Self::Cpu(executor) => Ok(executor.run(plan, scene, frame)),
+            Self::Cpu(executor) => Ok(executor.run(plan, scene, frames)),
             Self::Gpu(executor) => {
-                executor.run(frame)?;
+                executor.run(frames)?;
                 Ok(executor.last_times().to_vec())
             }
         }
+    }
+
+    /// Tells the executor what of the scene has changed.
+    fn update(&mut self, scene: SceneBuffers<'_>, changed: Vec<Changed>) -> Result<(), GpuError> {
+        if let Self::Gpu(executor) = self {
+            for Changed { buffer, range } in changed {
+                executor.update_scene(buffer, range.start as u64, &scene.bytes(buffer)[range])?;
+            }
+        }
+        Ok(())
     }
 
     fn read(&mut self, plan: &Plan, name: &str) -> Result<AlignedBytes, GpuError> {
@@ -180,8 +229,20 @@ impl Executor {
     }
 }
 
-/// Renders by the passes. `progress` is told the samples so far after each frame; it ends the picture early by
-/// returning false.
+/// Whether a picture is done after `frames` of it, of which the last may be under way.
+fn is_done(stop: Stop, frames: u32, start: Instant) -> bool {
+    match stop {
+        Stop::Samples(n) => frames >= n,
+        Stop::Time(limit) => {
+            // Stops where another frame of average length would end beyond the limit by more than it falls short.
+            let elapsed = start.elapsed();
+            elapsed + elapsed / frames / 2 >= limit
+        }
+    }
+}
+
+/// Renders a still by the passes: independent frames, averaged. `progress` is told the samples so far after each frame;
+/// it ends the picture early by returning false.
 ///
 /// # Errors
 /// If the size is refused or the GPU fails.
@@ -191,39 +252,83 @@ pub fn render(
     backend: &Backend<'_>,
     mut progress: impl FnMut(u32) -> bool,
 ) -> Result<Rendered, RenderError> {
-    let facts = facts_of(packed, request.width, request.height);
-    let plan = direct_light(&facts, request.curve, &["moments", "display"])?;
+    let facts = facts_of(packed, request.width, request.height, &request.settings);
+    let plan =
+        direct_light(request.technique, &request.settings, &facts, request.curve, &["moments", "display"])?;
     let scene = packed.buffers();
     let mut executor = Executor::new(backend, &plan, scene)?;
     let mut frame = frame_of(packed, request);
     let start = Instant::now();
     let mut pass_times;
     loop {
-        pass_times = executor.run(&plan, scene, &frame)?;
+        pass_times = executor.run(&plan, scene, &FramePair { now: frame, prev: frame })?;
         frame.index = frame.index.wrapping_add(1);
         frame.accumulated += 1;
-        let done = match request.stop {
-            Stop::Samples(n) => frame.accumulated >= n,
-            Stop::Time(limit) => {
-                executor.finish()?;
-                // Stops where another frame of average length would end beyond the limit by more than it falls short.
-                let elapsed = start.elapsed();
-                elapsed + elapsed / frame.accumulated / 2 >= limit
-            }
-        };
+        if matches!(request.stop, Stop::Time(_)) {
+            executor.finish()?;
+        }
+        let done = is_done(request.stop, frame.accumulated, start);
         if !progress(frame.accumulated) || done {
             break;
         }
     }
+    picture_of(&mut executor, &plan, request, frame.accumulated, start, pass_times)
+}
+
+/// Renders frames that reuse each other, as a viewer would, and returns the last: one sample a pixel, with no variance
+/// known. The scene's animation goes on from frame to frame. `progress` is told the frames so far.
+///
+/// # Errors
+/// If the size is refused, the scene can't be shown at some time or the GPU fails.
+pub fn render_real_time(
+    packed: &mut PackedScene,
+    request: &Request,
+    backend: &Backend<'_>,
+    mut progress: impl FnMut(u32) -> bool,
+) -> Result<Rendered, RenderError> {
+    let facts = facts_of(packed, request.width, request.height, &request.settings);
+    let plan =
+        direct_light(Technique::RealTime, &request.settings, &facts, request.curve, &["moments", "display"])?;
+    let mut executor = Executor::new(backend, &plan, packed.buffers())?;
+    let mut sequence = Sequence::new(packed, Request { technique: Technique::RealTime, ..request.clone() });
+    let start = Instant::now();
+    let mut count = 0;
+    let mut pass_times;
+    loop {
+        let (frames, changed) = sequence.next(&sequence.shot(count))?;
+        let scene = sequence.packed().buffers();
+        executor.update(scene, changed)?;
+        pass_times = executor.run(&plan, scene, &frames)?;
+        count += 1;
+        if matches!(request.stop, Stop::Time(_)) {
+            executor.finish()?;
+        }
+        let done = is_done(request.stop, count, start);
+        if !progress(count) || done {
+            break;
+        }
+    }
+    picture_of(&mut executor, &plan, request, count, start, pass_times)
+}
+
+/// What the frames have come to.
+fn picture_of(
+    executor: &mut Executor,
+    plan: &Plan,
+    request: &Request,
+    samples: u32,
+    start: Instant,
+    mut pass_times: Vec<(&'static str, Duration)>,
+) -> Result<Rendered, RenderError> {
     executor.finish()?;
     let elapsed = start.elapsed();
-    if let Executor::Gpu(gpu) = &executor {
+    if let Executor::Gpu(gpu) = executor {
         // What `run` returned were the times of a frame before the last.
         pass_times = gpu.last_times().to_vec();
     }
-    let moments = executor.read(&plan, "moments")?;
+    let moments = executor.read(plan, "moments")?;
     let moments: &[Moments] = moments.elements();
-    let display = executor.read(&plan, "display")?.elements().to_vec();
+    let display = executor.read(plan, "display")?.elements().to_vec();
     Ok(Rendered {
         picture: Picture {
             width: request.width,
@@ -233,7 +338,7 @@ pub fn render(
         },
         variance: moments.iter().map(|m| m.variance_of_mean().to_array()).collect(),
         display,
-        samples: frame.accumulated,
+        samples,
         elapsed,
         pass_times,
         dropped: 0,
@@ -247,7 +352,8 @@ pub fn render_reference(
     mut progress: impl FnMut(u32) -> bool,
 ) -> Result<Rendered, RenderError> {
     // The same limits on the size as for the passes.
-    direct_light(&facts_of(packed, request.width, request.height), request.curve, &["moments"])?;
+    let facts = facts_of(packed, request.width, request.height, &request.settings);
+    direct_light(Technique::Candidates, &request.settings, &facts, request.curve, &["moments"])?;
     let frame = frame_of(packed, request);
     let reference = Reference::new(packed, frame, request.settings.path_length);
     let mut estimates = vec![Estimate::default(); (request.width * request.height) as usize];
@@ -262,10 +368,7 @@ pub fn render_reference(
         reference.accumulate(&mut estimates, block, step);
         block += 1;
         samples += step;
-        let done = match request.stop {
-            Stop::Samples(n) => samples >= n,
-            Stop::Time(limit) => start.elapsed() + start.elapsed() / samples / 2 >= limit,
-        };
+        let done = is_done(request.stop, samples, start);
         if !progress(samples) || done {
             break;
         }
@@ -305,17 +408,14 @@ fn display_of(exposed: Vec3, curve: ToneCurve) -> u32 {
 /// # Errors
 /// If the size is refused.
 pub fn layers(packed: &PackedScene, request: &Request, rendered: &Rendered) -> Result<Layers, RenderError> {
-    let facts = facts_of(packed, request.width, request.height);
-    let plan = direct_light(
-        &facts,
-        request.curve,
-        if packed.has().is_empty() { &["surfaces"] } else { &["surfaces", "reservoirs"] },
-    )?;
+    let facts = facts_of(packed, request.width, request.height, &request.settings);
+    let outputs: &[&str] = if packed.has().is_empty() { &["surfaces"] } else { &["surfaces", "fresh"] };
+    let plan = direct_light(Technique::Candidates, &request.settings, &facts, request.curve, outputs)?;
     let mut executor = CpuExecutor::new(&plan);
     let frame = Frame { jitter: 0, ..frame_of(packed, request) };
-    executor.run(&plan, packed.buffers(), &frame);
+    executor.run(&plan, packed.buffers(), &FramePair { now: frame, prev: frame });
     let surfaces: &[Surface] = bytemuck::cast_slice(executor.output(&plan, "surfaces").unwrap_or_default());
-    let reservoirs: &[Reservoir] = bytemuck::cast_slice(executor.output(&plan, "reservoirs").unwrap_or_default());
+    let reservoirs: &[Reservoir] = bytemuck::cast_slice(executor.output(&plan, "fresh").unwrap_or_default());
     let vectors = |f: &dyn Fn(&Surface) -> Vec3| -> Option<Vec<[f32; 3]>> {
         Some(surfaces.iter().map(|s| if s.is_sky() { [0.0; 3] } else { f(s).to_array() }).collect())
     };
@@ -343,7 +443,12 @@ pub fn layers(packed: &PackedScene, request: &Request, rendered: &Rendered) -> R
         samples: Some(vec![rendered.samples; surfaces.len()]),
         light_id: (!reservoirs.is_empty()).then(|| {
             let id = |r: &Reservoir| if r.has_sample() { r.light } else { u32::MAX };
-            reservoirs.iter().map(id).map(|id| if id & ENVIRONMENT_BIT != 0 { u32::MAX } else { id }).collect()
+            let of_pixel = |i: usize| {
+                let (x, y) = (i as u32 % frame.width, i as u32 / frame.width);
+                &reservoirs[frame.index_of_reservoir(UVec2::new(x, y), 0) as usize]
+            };
+            let ids = (0..surfaces.len()).map(|i| id(of_pixel(i)));
+            ids.map(|id| if id & ENVIRONMENT_BIT != 0 { u32::MAX } else { id }).collect()
         }),
     })
 }

@@ -1,81 +1,99 @@
 //! Knobs: every `--set key=value`, with its meaning, range and default, declared once.
 
+mod knobs;
+mod preset;
+
 use thiserror::Error;
+use weir_shared::reuse::probe;
 
 use crate::exit::{Exit, HasExit};
 
-/// What `--set` changes.
+pub use knobs::{KNOBS, Knob};
+pub use preset::Preset;
+
+/// Shadow rays: where in the frame, and whether reuse knows of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rays {
+    /// One, to the sample that is shaded. Unbiased.
+    Speed,
+    /// One before reuse, one in each merge for the pixel's own sample, one for what the merge kept. Unbiased.
+    Balanced,
+    /// One before reuse, and in each merge one for the pixel's own sample and one for that of each other input. Unbiased.
+    Quality,
+    /// One before reuse, of which reuse does not know. Biased: shadows are wrong where neighbours differ.
+    Before,
+    /// That, and one to the sample that is shaded. Biased: too dark where neighbours differ.
+    Both,
+    /// None. Biased: no shadows.
+    None,
+}
+
+impl Rays {
+    /// Whether fresh samples are looked at before reuse.
+    pub fn before(self) -> bool {
+        matches!(self, Self::Balanced | Self::Quality | Self::Before | Self::Both)
+    }
+
+    /// Whether what is shaded is looked at, in a frame that `reuses` samples or not.
+    pub fn after(self, reuses: bool) -> bool {
+        match self {
+            Self::None => false,
+            Self::Before => !reuses,
+            Self::Speed | Self::Balanced | Self::Quality | Self::Both => true,
+        }
+    }
+
+    /// What part they have in reuse, see [`probe`].
+    pub fn probe(self) -> u32 {
+        match self {
+            Self::Balanced => probe::ONE,
+            Self::Quality => probe::ALL,
+            Self::Speed | Self::Before | Self::Both | Self::None => probe::NONE,
+        }
+    }
+}
+
+/// What `--set` changes. Each field has a knob, see [`KNOBS`].
 #[derive(Clone, Debug, PartialEq)]
+#[expect(missing_docs, reason = "the knobs document the fields")]
 pub struct Settings {
-    /// See [`KNOBS`].
     pub candidates: u32,
-    /// See [`KNOBS`].
     pub pick_by_power: bool,
-    /// See [`KNOBS`].
+    pub candidates_bsdf: u32,
+    pub candidates_full: u32,
+    pub candidates_off_lattice: u32,
+    pub reservoirs: u32,
+    pub choice: u32,
+    pub mis_form: u32,
+    pub rays: Rays,
+    pub sum: bool,
+    pub confidence_cap: u32,
+    pub temporal_neighbors: u32,
+    pub temporal_neighbors_unseen: u32,
+    pub spatial_rounds: u32,
+    pub spatial_neighbors: u32,
+    pub spatial_neighbors_unseen: u32,
+    pub still_rounds: u32,
+    pub still_neighbors: u32,
+    pub radius_px: f32,
+    pub neighbor_rule: u32,
+    pub normal_angle_deg: f32,
+    pub plane_tolerance: f32,
+    pub roughness_tolerance: f32,
+    pub occlusion: u32,
+    pub occlusion_reach_px: f32,
+    pub lattice: u32,
+    pub jitter: bool,
     pub path_length: u32,
-    /// See [`KNOBS`].
     pub time_s: f32,
+    pub time_step_s: f32,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { candidates: 32, pick_by_power: true, path_length: 1, time_s: 0.0 }
+        Preset::Balanced.settings()
     }
 }
-
-/// A knob.
-pub struct Knob {
-    /// What stands before the equals sign.
-    pub key: &'static str,
-    /// What may stand behind it.
-    pub values: &'static str,
-    /// Default, and what more and less of it do.
-    pub help: &'static str,
-    set: fn(&mut Settings, &str) -> bool,
-}
-
-fn number<T: std::str::FromStr + PartialOrd>(target: &mut T, text: &str, low: T, high: T) -> bool {
-    match text.parse() {
-        Ok(value) if value >= low && value <= high => {
-            *target = value;
-            true
-        }
-        _ => false,
-    }
-}
-
-/// Every knob there is.
-pub const KNOBS: &[Knob] = &[
-    Knob {
-        key: "candidates.count",
-        values: "1 to 4096",
-        help: "light samples offered to each pixel's reservoir in a frame. More: less noise a frame; less: faster \
-               frames. With no more lights than this, each light is offered once. Default 32",
-        set: |s, text| number(&mut s.candidates, text, 1, 4096),
-    },
-    Knob {
-        key: "candidates.source",
-        values: "power or uniform",
-        help: "how candidates are drawn from the emissive triangles: by emitted power, or all alike. Default power",
-        set: |s, text| {
-            s.pick_by_power = text == "power";
-            text == "power" || text == "uniform"
-        },
-    },
-    Knob {
-        key: "path.length",
-        values: "1 to 64",
-        help: "surfaces on a path, for `--integrator reference` only: 1 is direct light. More: light that has \
-               bounced. Default 1",
-        set: |s, text| number(&mut s.path_length, text, 1, 64),
-    },
-    Knob {
-        key: "scene.time",
-        values: "-1000000 to 1000000",
-        help: "the moment of an animated scene, in seconds. Default 0",
-        set: |s, text| number(&mut s.time_s, text, -1e6, 1e6),
-    },
-];
 
 /// A `--set` that cannot be followed.
 #[derive(Debug, Error, PartialEq, Eq)]
@@ -101,6 +119,9 @@ pub enum SettingError {
         /// What was given.
         value: String,
     },
+    /// Two values that exclude each other.
+    #[error("{0}")]
+    Together(&'static str),
 }
 
 impl HasExit for SettingError {
@@ -121,11 +142,32 @@ impl Settings {
             let known = KNOBS.iter().map(|k| format!("`{}`", k.key)).collect::<Vec<_>>().join(", ");
             return Err(SettingError::Unknown { key: key.to_owned(), known });
         };
-        if (knob.set)(self, value) {
+        if knob.set(self, value) {
             Ok(())
         } else {
             Err(SettingError::Value { key: knob.key, values: knob.values, value: value.to_owned() })
         }
+    }
+
+    /// Checks what no single knob can.
+    ///
+    /// # Errors
+    /// If two knobs exclude each other.
+    pub fn check(&self) -> Result<(), SettingError> {
+        use weir_shared::merge::form;
+        let pairwise = matches!(self.mis_form, form::PAIRWISE | form::PAIRWISE_DEFENSIVE);
+        if !pairwise && self.rays.probe() != probe::NONE {
+            return Err(SettingError::Together(
+                "`reuse.mis` other than pairwise compares all inputs with all, for which `rays` of balanced and quality \
+                 do not ask; set `rays=speed`",
+            ));
+        }
+        Ok(())
+    }
+
+    /// Every knob with its value, in the order of [`KNOBS`]: what `--set` would make these settings again.
+    pub fn describe(&self) -> Vec<(&'static str, String)> {
+        KNOBS.iter().filter(|k| k.key != "preset").map(|k| (k.key, k.get(self))).collect()
     }
 }
 
@@ -142,7 +184,30 @@ mod tests {
         let text = |assignment: &str| Settings::default().apply(assignment).expect_err("refused").to_string();
         assert_eq!(text("candidates.count=0"), "`candidates.count` takes 1 to 4096, not `0`");
         assert_eq!(text("scene.time=NaN"), "`scene.time` takes -1000000 to 1000000, not `NaN`");
-        assert!(text("candidates=8").contains("there are `candidates.count`"));
+        assert!(text("candidates=8").contains("there are `preset`, `candidates.count`"));
         assert!(text("candidates").contains("key=value"));
+    }
+
+    #[test]
+    fn every_knob_reads_back_what_it_was_set_to() {
+        for preset in Preset::ALL {
+            let settings = preset.settings();
+            let mut again = Preset::Paper.settings();
+            for (key, value) in settings.describe() {
+                again.apply(&format!("{key}={value}")).expect("its own value");
+            }
+            assert_eq!(again, settings);
+            settings.check().expect("a preset does not contradict itself");
+        }
+    }
+
+    #[test]
+    fn forms_that_compare_all_with_all_refuse_lazy_rays() {
+        let mut settings = Settings::default();
+        settings.apply("reuse.mis=balance").expect("in range");
+        settings.apply("rays=balanced").expect("in range");
+        assert!(settings.check().expect_err("refused").to_string().contains("rays=speed"));
+        settings.apply("rays=speed").expect("in range");
+        settings.check().expect("one ray after reuse");
     }
 }

@@ -2,9 +2,15 @@
 
 use glam::{UVec4, Vec4};
 use weir_shader::wiring::Pass;
-use weir_shared::{moments::Moments, reservoir::Reservoir, surface::Surface};
+use weir_shared::{merge::form, moments::Moments, reservoir::Reservoir, reuse::probe, surface::Surface};
 
-use crate::graph::{Facts, GraphError, Life, Need, Plan, Resource, Step, plan, step};
+use crate::{
+    graph::{Facts, GraphError, Life, Need, Plan, Resource, Step, plan, step},
+    settings::{Rays, Settings},
+};
+
+/// Most rounds of spatial reuse in a frame.
+pub const MAX_ROUNDS: u32 = 6;
 
 /// Every buffer that passes share.
 pub const RESOURCES: &[Resource] = &[
@@ -13,14 +19,66 @@ pub const RESOURCES: &[Resource] = &[
     Resource::new::<u32>("texels", Life::Scene),
     Resource::new::<UVec4>("bvh", Life::Scene),
     Resource::new::<u32>("lights", Life::Scene),
-    Resource::new::<Surface>("surfaces", Life::Transient),
+    Resource::new::<Surface>("surfaces", Life::History),
     Resource::new::<Vec4>("emitted", Life::Transient),
-    Resource::new::<Reservoir>("reservoirs", Life::Transient),
-    Resource::new::<Reservoir>("visible", Life::Transient),
+    Resource::reservoirs::<Reservoir>("bsdf_hits", Life::Transient),
+    Resource::reservoirs::<Reservoir>("fresh", Life::Transient),
+    Resource::reservoirs::<Reservoir>("fresh_visible", Life::Transient),
+    Resource::reservoirs::<Reservoir>("temporal_marked", Life::Transient),
+    Resource::reservoirs::<Reservoir>("temporal_merged", Life::Transient),
+    Resource::reservoirs::<Vec4>("temporal_gathered", Life::Transient),
+    Resource::reservoirs::<Reservoir>("temporal_visible", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_marked_a", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_marked_b", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_marked_c", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_marked_d", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_marked_e", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_marked_f", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_merged_a", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_merged_b", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_merged_c", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_merged_d", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_merged_e", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_merged_f", Life::Transient),
+    Resource::reservoirs::<Vec4>("spatial_gathered_a", Life::Transient),
+    Resource::reservoirs::<Vec4>("spatial_gathered_b", Life::Transient),
+    Resource::reservoirs::<Vec4>("spatial_gathered_c", Life::Transient),
+    Resource::reservoirs::<Vec4>("spatial_gathered_d", Life::Transient),
+    Resource::reservoirs::<Vec4>("spatial_gathered_e", Life::Transient),
+    Resource::reservoirs::<Vec4>("spatial_gathered_f", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_visible_a", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_visible_b", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_visible_c", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_visible_d", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_visible_e", Life::Transient),
+    Resource::reservoirs::<Reservoir>("spatial_visible_f", Life::Transient),
+    Resource::reservoirs::<Reservoir>("reservoirs", Life::History),
+    Resource::reservoirs::<Reservoir>("visible", Life::Transient),
     Resource::new::<Vec4>("color", Life::Transient),
     Resource::new::<Moments>("moments", Life::History),
     Resource::new::<u32>("display", Life::Transient),
 ];
+
+/// Resources of one round of spatial reuse: each result of a frame has a name of its own; memory is shared.
+struct Round {
+    marked: &'static str,
+    merged: &'static str,
+    gathered: &'static str,
+    visible: &'static str,
+}
+
+macro_rules! rounds {
+    ($($letter:literal)*) => {
+        [$(Round {
+            marked: concat!("spatial_marked_", $letter),
+            merged: concat!("spatial_merged_", $letter),
+            gathered: concat!("spatial_gathered_", $letter),
+            visible: concat!("spatial_visible_", $letter),
+        }),*]
+    };
+}
+
+const ROUNDS: [Round; MAX_ROUNDS as usize] = rounds!("a" "b" "c" "d" "e" "f");
 
 /// How radiance becomes a colour on the screen.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -36,30 +94,152 @@ pub enum ToneCurve {
     Agx,
 }
 
-/// Direct light by resampled candidates without reuse, accumulated over independent frames.
-fn resampled(curve: ToneCurve) -> Vec<Step> {
-    let display = match curve {
+/// How direct light is computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Technique {
+    /// Resampled candidates, each pixel and frame for itself.
+    Candidates,
+    /// Frames that are independent of each other, with spatial reuse: the error of their mean falls with the square root
+    /// of their number.
+    Still,
+    /// Frames that reuse the frame before: what a viewer shows.
+    RealTime,
+}
+
+impl std::fmt::Display for Technique {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Candidates => "candidates",
+            Self::Still => "still",
+            Self::RealTime => "real time",
+        })
+    }
+}
+
+impl Technique {
+    /// Rounds of spatial reuse.
+    pub fn rounds(self, settings: &Settings) -> u32 {
+        match self {
+            Self::Candidates => 0,
+            Self::Still => settings.still_rounds,
+            Self::RealTime => settings.spatial_rounds,
+        }
+    }
+}
+
+/// The chain of passes from candidates to what is shaded: steps, and where the reservoirs are at its end.
+struct Chain {
+    steps: Vec<Step>,
+    /// Reservoirs after the last step.
+    held: &'static str,
+    /// Sum over the inputs of the last merge.
+    gathered: Option<&'static str>,
+    /// Whether samples that are hidden from their pixel have lost their weight.
+    is_seen: bool,
+}
+
+impl Chain {
+    fn push(&mut self, step: Step) {
+        self.steps.push(step.needs(Need::Lights));
+    }
+
+    /// A shadow ray to each sample that is held.
+    fn look(&mut self, into: &'static str) {
+        self.push(step("visibility").with("unseen", self.held).with("visible", into));
+        self.held = into;
+        self.is_seen = true;
+    }
+
+    /// A merge; after it, with lazy rays, a shadow ray to what it kept.
+    fn merged(&mut self, rays: Rays, merged: &'static str, gathered: &'static str, visible: &'static str) {
+        self.held = merged;
+        self.gathered = Some(gathered);
+        self.is_seen = rays == Rays::Quality;
+        if rays == Rays::Balanced {
+            self.look(visible);
+        }
+    }
+}
+
+/// The steps of a frame.
+fn steps(technique: Technique, settings: &Settings, curve: ToneCurve) -> Vec<Step> {
+    let (rays, rounds) = (settings.rays, technique.rounds(settings));
+    let reuses = technique == Technique::RealTime || rounds > 0;
+    let pairwise = matches!(settings.mis_form, form::PAIRWISE | form::PAIRWISE_DEFENSIVE);
+    let mut chain = Chain { steps: Vec::new(), held: "fresh", gathered: None, is_seen: false };
+    chain.push(step("bsdf_rays").only_if(settings.candidates_bsdf > 0, "`candidates.bsdf` is 0"));
+    chain.push(step("candidates"));
+    if reuses && rays.before() {
+        chain.look("fresh_visible");
+    }
+    if technique == Technique::RealTime {
+        if rays.probe() != probe::NONE {
+            chain.push(step("temporal_rays").with("fresh", chain.held).with("marked", "temporal_marked"));
+            chain.held = "temporal_marked";
+        }
+        // The result of the last merge of the frame is what the next frame remembers.
+        let last = rounds == 0;
+        let names = match (last, rays == Rays::Balanced) {
+            (true, true) => ("temporal_merged", "reservoirs"),
+            (true, false) => ("reservoirs", ""),
+            (false, _) => ("temporal_merged", "temporal_visible"),
+        };
+        let pass = if pairwise { "temporal" } else { "temporal_any_form" };
+        chain.push(
+            step(pass).with("fresh", chain.held).with("merged", names.0).with("gathered", "temporal_gathered"),
+        );
+        chain.merged(rays, names.0, "temporal_gathered", names.1);
+    }
+    for (round, names) in (0..rounds).zip(&ROUNDS) {
+        let merging = chain.held;
+        let mut own = merging;
+        if rays.probe() != probe::NONE {
+            chain.push(step("spatial_rays").with("merging", merging).with("marked", names.marked).round(round));
+            own = names.marked;
+        }
+        let last = round + 1 == rounds && technique == Technique::RealTime;
+        let (merged, visible) = match (last, rays == Rays::Balanced) {
+            (true, true) => (names.merged, "reservoirs"),
+            (true, false) => ("reservoirs", ""),
+            (false, _) => (names.merged, names.visible),
+        };
+        let pass = if pairwise { "spatial" } else { "spatial_any_form" };
+        let merge = step(pass).with("marked", own).with("merging", merging);
+        chain.push(merge.with("merged", merged).with("gathered", names.gathered).round(round));
+        chain.merged(rays, merged, names.gathered, visible);
+    }
+    if !chain.is_seen && rays.after(reuses) {
+        chain.look("visible");
+    }
+
+    let mut steps = vec![step("primary")];
+    steps.append(&mut chain.steps);
+    match chain.gathered.filter(|_| settings.sum && rays == Rays::Quality) {
+        Some(gathered) => steps.push(step("shade_sum").with("gathered", gathered)),
+        None => steps.push(step("shade").with("visible", chain.held)),
+    }
+    steps.push(step("accumulate"));
+    steps.push(step(match curve {
         ToneCurve::Clip => "display_clip",
         ToneCurve::Reinhard => "display_reinhard",
         ToneCurve::Aces => "display_aces",
         ToneCurve::Agx => "display_agx",
-    };
-    vec![
-        step("primary"),
-        step("candidates").needs(Need::Lights),
-        step("visibility").needs(Need::Lights),
-        step("shade"),
-        step("accumulate"),
-        step(display),
-    ]
+    }));
+    steps
 }
 
-/// Plans a frame of direct light with the given outputs.
+/// Plans a frame with the given outputs.
 ///
 /// # Errors
 /// As [`plan`]: the size, or an output that no step writes.
-pub fn direct_light(facts: &Facts, curve: ToneCurve, outputs: &[&'static str]) -> Result<Plan, GraphError> {
-    direct_light_with(weir_shader::PASSES, facts, curve, outputs)
+pub fn direct_light(
+    technique: Technique,
+    settings: &Settings,
+    facts: &Facts,
+    curve: ToneCurve,
+    outputs: &[&'static str],
+) -> Result<Plan, GraphError> {
+    direct_light_with(weir_shader::PASSES, technique, settings, facts, curve, outputs)
 }
 
 /// [`direct_light`] with another pass table of the same names, for tests that plant a difference in one kernel.
@@ -68,9 +248,11 @@ pub fn direct_light(facts: &Facts, curve: ToneCurve, outputs: &[&'static str]) -
 /// As [`direct_light`].
 pub fn direct_light_with(
     passes: &'static [Pass],
+    technique: Technique,
+    settings: &Settings,
     facts: &Facts,
     curve: ToneCurve,
     outputs: &[&'static str],
 ) -> Result<Plan, GraphError> {
-    plan(&resampled(curve), passes, RESOURCES, facts, outputs)
+    plan(&steps(technique, settings, curve), passes, RESOURCES, facts, outputs)
 }

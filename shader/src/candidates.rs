@@ -1,98 +1,186 @@
-//! Initial candidates: one light sample per pixel, by streaming resampled importance sampling.
+//! Initial candidates: one light sample for each reservoir, by streaming resampled importance sampling.
 
 use glam::UVec2;
 use weir_shared::{
-    bsdf::Bsdf,
     environment,
     frame::Frame,
-    light::{self, ENVIRONMENT_BIT},
-    numerics::{max, sqrt, unit_float},
-    reservoir::{Reservoir, Stream},
+    light::{self, ENVIRONMENT_BIT, LightPoint, NO_LIGHT, Place},
+    numerics::{is_finite, load},
+    resample::{Chooser, Stream},
+    reservoir::Reservoir,
+    reuse::is_on_lattice,
     rng::{Rng, Stage},
     scene::Scene,
     surface::Surface,
+    target::{Domain, occlusion, screen_occlusion},
 };
 
-/// Offers `frame.candidates` light samples to a reservoir and keeps one; the zero reservoir for sky.
+/// A sample on its way through a stream: light and place on it.
+type Sample = (u32, u32);
+
+/// How many candidates each technique offers. They share one balance denominator.
+#[derive(Clone, Copy)]
+struct Shares {
+    table: u32,
+    environment: u32,
+    bsdf: u32,
+    /// Every emissive triangle once instead of drawing from the table.
+    enumerate: bool,
+}
+
+impl Shares {
+    /// At least one for the table and for the environment where there is any, or that light would be missing; with
+    /// both, a quarter of the candidates for the environment.
+    fn new<const ENVIRONMENT: bool>(frame: &Frame, px: UVec2) -> Self {
+        let all = if is_on_lattice(frame, px) { frame.candidates } else { frame.candidates_off_lattice };
+        let environment = if !ENVIRONMENT {
+            0
+        } else if frame.light_count == 0 {
+            all
+        } else {
+            (all / 4).max(1)
+        };
+        let table = if frame.light_count == 0 { 0 } else { (all - environment.min(all)).max(1) };
+        let enumerate = frame.light_count <= table;
+        let table = if enumerate { frame.light_count } else { table };
+        Self { table, environment, bsdf: frame.candidates_bsdf, enumerate }
+    }
+}
+
+/// Offers light samples to a reservoir and keeps one; the zero reservoir for sky.
 ///
-/// The target p̂ is the mean over the colour channels of the unshadowed reflected radiance, per unit of (u, v). Lights
-/// are drawn by the scene's table, or each once if there are no more of them than candidates; with an environment, a
-/// quarter of the candidates go to it. The two kinds of light have no point in common, so each candidate's MIS weight
-/// is one over the number of candidates of its kind.
+/// The target p̂ is the mean over the colour channels of the unshadowed reflected radiance, per unit of (u, v).
+/// Techniques: emissive triangles by the scene's table, or each once if there are no more of them than candidates; texels
+/// of the environment; directions from the BSDF (`bsdf_hits`). A candidate has the weight p̂ / sum of N_t p_t over the
+/// techniques t that can draw it, all densities over (light, u, v): balance weights, multiplied out.
 ///
-/// Source: Talbot et al. 2005; Bitterli et al. 2020, algorithm 3.
+/// With `frame.candidates_full` groups, candidates of the table compete within their group by a target that leaves the
+/// surface's reflection out, and only the survivors meet the full one, each with the contribution weight of its group.
+///
+/// Source: Talbot et al. 2005; Bitterli et al. 2020, algorithm 3; two stages: Wyman 2020.
 pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>(
     px: UVec2,
+    reservoir: u32,
     frame: &Frame,
     scene: &Scene,
     lights: &[u32],
     surfaces: &[Surface],
+    bsdf_hits: &[Reservoir],
 ) -> Reservoir {
-    let surface = weir_shared::numerics::load(surfaces, frame.index_of(px));
+    let surface = load(surfaces, frame.index_of(px));
     if surface.is_sky() {
         return Reservoir::EMPTY;
     }
-    let toward_camera = frame.camera_origin - surface.position();
-    let outgoing = toward_camera * (1.0 / max(sqrt(toward_camera.length_squared()), 1e-30));
-    let bsdf = Bsdf::new(&surface, outgoing);
+    let domain = Domain::new(frame.camera_origin, &surface);
+    let shares = Shares::new::<ENVIRONMENT>(frame, px);
+    let mut rng = Rng::for_reservoir(px, reservoir, frame, Stage::Candidates);
+    let choice = Rng::for_reservoir(px, reservoir, frame, Stage::CandidateChoice);
+    let mut stream: Stream<f32, Sample, Chooser> = Stream::new((0, 0), Chooser::new(choice, frame.choice));
 
-    let mut rng = Rng::for_pixel(px, frame, Stage::Candidates);
-    let mut stream = Stream::new();
-    let environment_share = if !ENVIRONMENT {
-        0
-    } else if frame.light_count == 0 {
-        frame.candidates
-    } else {
-        (frame.candidates / 4).max(1)
-    };
-    // At least one of each kind, or that kind would be missing from the estimate.
-    let table_share =
-        if frame.light_count == 0 { 0 } else { (frame.candidates - environment_share.min(frame.candidates)).max(1) };
-
-    let enumerate = frame.light_count <= table_share;
-    let count = if enumerate { frame.light_count } else { table_share };
+    let grouped = frame.candidates_full > 0 && frame.candidates_full < shares.table && !shares.enumerate;
+    let groups = if grouped { frame.candidates_full } else { 1 };
+    // Candidates one after the other: the table's, group by group and after each group its survivor; the environment's;
+    // the BSDF's. One loop body, because on a GPU everything is inlined.
+    let of_table = shares.table + if grouped { groups } else { 0 };
+    let of_table_and_sky = of_table + shares.environment;
+    let total = of_table_and_sky + shares.bsdf;
+    let group_rng = Rng::for_reservoir(px, reservoir, frame, Stage::GroupChoice);
+    let mut cheap: Stream<f32, (u32, u32, f32), Chooser> = Stream::new((0, 0, 0.0), Chooser::new(group_rng, frame.choice));
+    let (mut group, mut first, mut drawn) = (0, 0, 0);
     let mut i = 0;
-    while i < count {
-        let picked = rng.next_four();
-        let place = rng.next_four();
-        let mut id = i;
-        let mut density = 1.0;
-        if !enumerate {
-            let pick = light::pick(frame, scene, lights, picked);
-            id = pick.index;
-            density = pick.pmf * count as f32;
+    while i < total {
+        // Groups as equal as whole numbers allow; each stands for its share of the table's candidates.
+        let group_end = shares.table * (group + 1) / groups;
+        let is_survivor = grouped && i < of_table && drawn == group_end;
+        let is_drawn = i < of_table && !is_survivor;
+        let is_sky = ENVIRONMENT && i >= of_table && i < of_table_and_sky;
+        let mut id = NO_LIGHT;
+        let (mut uv, mut pmf, mut count, mut survivor_ucw) = (0, 0.0, shares.table, 0.0);
+        let mut place = Place { instance: 0, triangle: 0 };
+        let mut place_known = false;
+        if is_drawn {
+            uv = rng.next_word();
+            if shares.enumerate {
+                (id, pmf) = (drawn, 1.0 / shares.table as f32);
+            } else {
+                let picked = light::pick(frame, scene, lights, rng.next_four());
+                (id, pmf, place) = (picked.light, picked.pmf, picked.place);
+                place_known = true;
+            }
+            drawn += 1;
+        } else if is_survivor {
+            survivor_ucw = cheap.contribution_weight();
+            if survivor_ucw > 0.0 {
+                (id, uv, pmf) = cheap.kept();
+            }
+        } else if is_sky {
+            let bits = rng.next_four();
+            let texel = environment::pick(frame, lights, bits[0], bits[1]);
+            (id, uv, pmf) = (texel.index | ENVIRONMENT_BIT, bits[2], texel.pmf);
+            count = shares.environment;
+        } else {
+            let hit = load(bsdf_hits, frame.index_of_reservoir(px, reservoir));
+            if hit.has_sample() {
+                (id, uv) = (hit.light, hit.uv);
+                if ENVIRONMENT && (id & ENVIRONMENT_BIT) != 0 {
+                    pmf = environment::pmf(frame, lights, id & !ENVIRONMENT_BIT);
+                    count = shares.environment;
+                } else if shares.enumerate {
+                    pmf = 1.0 / shares.table as f32;
+                } else {
+                    pmf = light::pmf(frame, scene, lights, id);
+                }
+            }
         }
-        let target = target::<TEXTURES, ENVIRONMENT, SPECULAR>(frame, scene, &surface, &bsdf, id, place[0]);
-        stream.offer(id, place[0], target, target / density, unit_float(place[1]));
+        if id != NO_LIGHT {
+            let point = if ENVIRONMENT && (id & ENVIRONMENT_BIT) != 0 {
+                light::evaluate_environment(frame, scene, id, uv)
+            } else {
+                if !place_known {
+                    place = light::find(frame, scene, id);
+                }
+                light::evaluate_triangle::<TEXTURES>(frame, scene, place, uv)
+            };
+            if grouped && is_drawn {
+                let target = domain.cheap_target::<ENVIRONMENT>(&point);
+                cheap.offer((id, uv, pmf), target, target / (pmf * (group_end - first) as f32));
+            } else {
+                let (mut target, density) = density::<ENVIRONMENT, SPECULAR>(&domain, &point, pmf, count, &shares);
+                if frame.occlusion == occlusion::SCREEN && target > 0.0 {
+                    target *= screen_occlusion(frame, surfaces, px, domain.position, &point);
+                }
+                // A survivor's weight: the balance weight of the table, its group's share of that, and W.
+                let scale =
+                    if is_survivor { pmf * (group_end - first) as f32 / density * survivor_ucw } else { 1.0 / density };
+                stream.offer((id, uv), target, target * scale);
+            }
+        }
+        if is_survivor {
+            first = group_end;
+            group += 1;
+            cheap = Stream::new((0, 0, 0.0), Chooser::new(group_rng.skip(group << 8), frame.choice));
+        }
         i += 1;
     }
-    if ENVIRONMENT {
-        let mut i = 0;
-        while i < environment_share {
-            let picked = rng.next_four();
-            let texel = environment::pick(frame, lights, picked[0], picked[1]);
-            let id = texel.index | ENVIRONMENT_BIT;
-            let target = target::<TEXTURES, ENVIRONMENT, SPECULAR>(frame, scene, &surface, &bsdf, id, picked[2]);
-            let density = texel.pmf * environment_share as f32;
-            stream.offer(id, picked[2], target, target / density, unit_float(picked[3]));
-            i += 1;
-        }
-    }
-    stream.finish()
+    let (id, uv) = stream.kept();
+    Reservoir::new(id, uv, stream.contribution_weight(), 1)
 }
 
-/// Target p̂ of a light sample at a surface: see [`candidates`].
+/// Target of a candidate, and its balance denominator: `count` draws of probability `pmf`, and the directions from the
+/// BSDF.
 #[inline(always)]
-pub fn target<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>(
-    frame: &Frame,
-    scene: &Scene,
-    surface: &Surface,
-    bsdf: &Bsdf,
-    light: u32,
-    uv: u32,
-) -> f32 {
-    let point = light::evaluate::<TEXTURES, ENVIRONMENT>(frame, scene, light, uv);
-    let arriving = light::arriving::<ENVIRONMENT>(surface.position(), &point);
-    let reflected = bsdf.evaluate::<SPECULAR>(arriving.direction) * arriving.irradiance;
-    (reflected.x + reflected.y + reflected.z) * (1.0 / 3.0)
+fn density<const ENVIRONMENT: bool, const SPECULAR: bool>(
+    domain: &Domain,
+    point: &LightPoint,
+    pmf: f32,
+    count: u32,
+    shares: &Shares,
+) -> (f32, f32) {
+    if shares.bsdf == 0 {
+        return (domain.target::<ENVIRONMENT, SPECULAR>(point), pmf * count as f32);
+    }
+    let (target, bsdf) = domain.target_and_density::<ENVIRONMENT, SPECULAR>(point);
+    // What a direction finds with infinite density it finds alone; an overflow must not make that a zero weight.
+    let bsdf = if is_finite(bsdf) { bsdf } else { 1e30 };
+    (target, pmf * count as f32 + bsdf * shares.bsdf as f32)
 }

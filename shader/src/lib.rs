@@ -1,6 +1,7 @@
 //! The passes of weir, one file each, and the table that declares them.
 //!
-//! A pass is a plain function of a pixel and of read-only buffers that returns its own element of each output. One
+//! A pass is a plain function of a pixel (or of one of its reservoirs) and of read-only buffers that returns its own
+//! element of each output. One
 //! row of the table gives its GPU entry points, its host kernels and the list of its bindings; see [`wiring`] for
 //! what a row expands to.
 #![cfg_attr(target_arch = "spirv", no_std)]
@@ -10,24 +11,46 @@
 pub mod wiring;
 
 pub mod accumulate;
+pub mod bsdf_rays;
 pub mod candidates;
+mod collect;
 pub mod display;
 pub mod primary;
 pub mod shade;
+pub mod spatial;
+pub mod temporal;
 pub mod visibility;
 
 passes! {
-    primary[TEXTURES ENVIRONMENT INSTANCES](scene, bvh: [UVec4]) -> (surfaces: [Surface], emitted: [Vec4])
+    pixel primary[TEXTURES ENVIRONMENT INSTANCES](scene, bvh: [UVec4]) -> (surfaces: [Surface], emitted: [Vec4])
         = primary::primary;
-    candidates[TEXTURES ENVIRONMENT SPECULAR](scene, lights: [u32], surfaces: [Surface]) -> (reservoirs: [Reservoir])
-        = candidates::candidates;
-    visibility[TEXTURES ENVIRONMENT INSTANCES](scene, bvh: [UVec4], surfaces: [Surface], reservoirs: [Reservoir])
-        -> (visible: [Reservoir]) = visibility::visibility;
-    shade[TEXTURES ENVIRONMENT SPECULAR](scene, surfaces: [Surface], emitted: [Vec4], visible: [Reservoir])
+    reservoir bsdf_rays[TEXTURES ENVIRONMENT INSTANCES](scene, bvh: [UVec4], surfaces: [Surface])
+        -> (bsdf_hits: [Reservoir]) = bsdf_rays::bsdf_rays;
+    reservoir candidates[TEXTURES ENVIRONMENT SPECULAR](scene, lights: [u32], surfaces: [Surface],
+        bsdf_hits: [Reservoir]) -> (fresh: [Reservoir]) = candidates::candidates;
+    reservoir visibility[TEXTURES ENVIRONMENT INSTANCES](scene, bvh: [UVec4], surfaces: [Surface],
+        unseen: [Reservoir]) -> (visible: [Reservoir]) = visibility::visibility;
+    reservoir temporal_rays[TEXTURES ENVIRONMENT INSTANCES](prev_frame, scene, bvh: [UVec4], surfaces: [Surface],
+        prev_surfaces: [Surface], fresh: [Reservoir], prev_reservoirs: [Reservoir]) -> (marked: [Reservoir])
+        = temporal::rays;
+    reservoir temporal[TEXTURES ENVIRONMENT SPECULAR](prev_frame, scene, surfaces: [Surface],
+        prev_surfaces: [Surface], fresh: [Reservoir], prev_reservoirs: [Reservoir])
+        -> (merged: [Reservoir], gathered: [Vec4]) = temporal::temporal;
+    reservoir temporal_any_form[](prev_frame, scene, surfaces: [Surface], prev_surfaces: [Surface],
+        fresh: [Reservoir], prev_reservoirs: [Reservoir]) -> (merged: [Reservoir], gathered: [Vec4])
+        = temporal::any_form;
+    reservoir spatial_rays[TEXTURES ENVIRONMENT INSTANCES](scene, bvh: [UVec4], surfaces: [Surface],
+        merging: [Reservoir]) -> (marked: [Reservoir]) = spatial::rays;
+    reservoir spatial[TEXTURES ENVIRONMENT SPECULAR](scene, surfaces: [Surface], marked: [Reservoir],
+        merging: [Reservoir]) -> (merged: [Reservoir], gathered: [Vec4]) = spatial::spatial;
+    reservoir spatial_any_form[](scene, surfaces: [Surface], marked: [Reservoir], merging: [Reservoir])
+        -> (merged: [Reservoir], gathered: [Vec4]) = spatial::any_form;
+    pixel shade[TEXTURES ENVIRONMENT SPECULAR](scene, surfaces: [Surface], emitted: [Vec4], visible: [Reservoir])
         -> (color: [Vec4]) = shade::shade;
-    accumulate[](color: [Vec4], prev_moments: [Moments]) -> (moments: [Moments]) = accumulate::accumulate;
-    display_clip[](moments: [Moments]) -> (display: [u32]) = display::clip;
-    display_reinhard[](moments: [Moments]) -> (display: [u32]) = display::reinhard;
-    display_aces[](moments: [Moments]) -> (display: [u32]) = display::aces;
-    display_agx[](moments: [Moments]) -> (display: [u32]) = display::agx;
+    pixel shade_sum[](emitted: [Vec4], gathered: [Vec4]) -> (color: [Vec4]) = shade::shade_sum;
+    pixel accumulate[](color: [Vec4], prev_moments: [Moments]) -> (moments: [Moments]) = accumulate::accumulate;
+    pixel display_clip[](moments: [Moments]) -> (display: [u32]) = display::clip;
+    pixel display_reinhard[](moments: [Moments]) -> (display: [u32]) = display::reinhard;
+    pixel display_aces[](moments: [Moments]) -> (display: [u32]) = display::aces;
+    pixel display_agx[](moments: [Moments]) -> (display: [u32]) = display::agx;
 }

@@ -1,17 +1,12 @@
-//! Shading: emitted light, and the light of the sample that was kept.
+//! Shading: emitted light, and the light of the samples that were kept.
 
-use glam::{UVec2, Vec4};
+use glam::{UVec2, Vec3, Vec4};
 use weir_shared::{
-    bsdf::Bsdf,
-    frame::Frame,
-    light,
-    numerics::{load, max, sqrt},
-    reservoir::Reservoir,
-    scene::Scene,
-    surface::Surface,
+    frame::Frame, light, numerics::load, reservoir::Reservoir, scene::Scene, surface::Surface, target::Domain,
 };
 
-/// Radiance toward the camera, linear Rec. 709, in W sr^-1 m^-2; w is the coverage (0 for sky).
+/// Radiance toward the camera, linear Rec. 709, in W sr^-1 m^-2, by the mean over the pixel's reservoirs; w is the
+/// coverage (0 for sky).
 pub fn shade<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>(
     px: UVec2,
     frame: &Frame,
@@ -20,18 +15,29 @@ pub fn shade<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool
     emitted: &[Vec4],
     visible: &[Reservoir],
 ) -> Vec4 {
-    let index = frame.index_of(px);
-    let emitted = load(emitted, index);
-    let reservoir = load(visible, index);
-    if !reservoir.has_sample() {
-        return emitted;
+    let emitted = load(emitted, frame.index_of(px));
+    let mut reflected = Vec3::ZERO;
+    let mut i = 0;
+    while i < frame.reservoirs {
+        let held = load(visible, frame.index_of_reservoir(px, i));
+        if held.has_sample() {
+            let domain = Domain::new(frame.camera_origin, &load(surfaces, frame.index_of(px)));
+            let point = light::evaluate::<TEXTURES, ENVIRONMENT>(frame, scene, held.light, held.uv);
+            reflected += domain.reflected::<ENVIRONMENT, SPECULAR>(&point) * held.ucw;
+        }
+        i += 1;
     }
-    let surface = load(surfaces, index);
-    let toward_camera = frame.camera_origin - surface.position();
-    let outgoing = toward_camera * (1.0 / max(sqrt(toward_camera.length_squared()), 1e-30));
-    let bsdf = Bsdf::new(&surface, outgoing);
-    let point = light::evaluate::<TEXTURES, ENVIRONMENT>(frame, scene, reservoir.light, reservoir.uv);
-    let arriving = light::arriving::<ENVIRONMENT>(surface.position(), &point);
-    let reflected = bsdf.evaluate::<SPECULAR>(arriving.direction) * arriving.irradiance * reservoir.ucw;
-    (emitted.truncate() + reflected).extend(emitted.w)
+    (emitted.truncate() + reflected * (1.0 / frame.reservoirs as f32)).extend(emitted.w)
+}
+
+/// The same from the sums over all inputs of the last merge, whose visibility is known.
+pub fn shade_sum(px: UVec2, frame: &Frame, emitted: &[Vec4], gathered: &[Vec4]) -> Vec4 {
+    let emitted = load(emitted, frame.index_of(px));
+    let mut reflected = Vec3::ZERO;
+    let mut i = 0;
+    while i < frame.reservoirs {
+        reflected += load(gathered, frame.index_of_reservoir(px, i)).truncate();
+        i += 1;
+    }
+    (emitted.truncate() + reflected * (1.0 / frame.reservoirs as f32)).extend(emitted.w)
 }

@@ -1,4 +1,4 @@
-//! Visibility: one shadow ray to the sample that each pixel kept.
+//! Visibility: one shadow ray to the sample that each reservoir holds.
 
 use glam::{UVec2, UVec4};
 use weir_shared::{
@@ -6,26 +6,28 @@ use weir_shared::{
 };
 
 /// The reservoir, its contribution weight set to zero where something stands between surface and light. At most one
-/// ray; none for sky and for reservoirs without a sample.
+/// ray; none for sky, for reservoirs without a sample, and where visibility is known.
 pub fn visibility<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
     px: UVec2,
+    reservoir: u32,
     frame: &Frame,
     scene: &Scene,
     bvh: &[UVec4],
     surfaces: &[Surface],
-    reservoirs: &[Reservoir],
+    unseen: &[Reservoir],
 ) -> Reservoir {
-    let index = frame.index_of(px);
-    let mut reservoir = load(reservoirs, index);
-    if !reservoir.has_sample() {
-        return reservoir;
+    let mut held = load(unseen, frame.index_of_reservoir(px, reservoir));
+    if !held.has_sample() || held.is_known_visible() {
+        return held;
     }
-    let surface = load(surfaces, index);
+    let surface = load(surfaces, frame.index_of(px));
     // Only where the light is matters here, not its texture.
-    let point = light::evaluate::<false, ENVIRONMENT>(frame, scene, reservoir.light, reservoir.uv);
+    let point = light::evaluate::<false, ENVIRONMENT>(frame, scene, held.light, held.uv);
     let ray = light::shadow_ray::<ENVIRONMENT>(&surface, &point);
-    if !unoccluded::<TEXTURES, INSTANCES>(frame, scene, bvh, &ray) {
-        reservoir.ucw = 0.0;
+    if unoccluded::<TEXTURES, INSTANCES>(frame, scene, bvh, &ray) {
+        held = held.known_visible();
+    } else {
+        held.ucw = 0.0;
     }
-    reservoir
+    held
 }

@@ -3,7 +3,7 @@
 //! The row
 //!
 //! ```text
-//! shade[SPECULAR](scene, surfaces: [Surface]) -> (color: [Vec4]) = shade::shade;
+//! pixel shade[SPECULAR](scene, surfaces: [Surface]) -> (color: [Vec4]) = shade::shade;
 //! ```
 //!
 //! becomes, for each combination of its features (here `o`, off, and `x`, on),
@@ -12,13 +12,14 @@
 //! #[spirv(compute(threads(8, 8)))]
 //! pub fn x(
 //!     #[spirv(global_invocation_id)] id: UVec3,
-//!     #[spirv(uniform, descriptor_set = 0, binding = 0)] frame: &Frame,
+//!     #[spirv(uniform, descriptor_set = 0, binding = 0)] frames: &FramePair,
 //!     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] triangles: &[f32],   // `scene` is three buffers
 //!     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] records: &[u32],
 //!     #[spirv(storage_buffer, descriptor_set = 0, binding = 3)] texels: &[u32],
 //!     #[spirv(storage_buffer, descriptor_set = 0, binding = 4)] surfaces: &[Surface],
 //!     #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] color: &mut [Vec4],
 //! ) {
+//!     let frame = &frames.now;
 //!     if id.x < frame.width && id.y < frame.height {
 //!         let value = shade::shade::<true>(id.truncate(), frame, &Scene { triangles, records, texels }, surfaces);
 //!         store(color, frame.index_of(id.truncate()), value);
@@ -27,14 +28,16 @@
 //! ```
 //!
 //! in a module `entry::shade`, a host kernel with the same call in a module `kernel::shade`, and a row of `PASSES`.
-//! Binding numbers are consumed from a list, so they are dense by construction; the same types are checked on both
+//! A row that starts with `reservoir` instead of `pixel` runs once for each reservoir of each pixel: the function gets its
+//! number after the pixel, and outputs have an element for each. The input `prev_frame` stands for the frame before, in
+//! the same uniform. Binding numbers are consumed from a list, so they are dense by construction; the same types are checked on both
 //! sides by the call.
 
 /// Declares the passes; see the module's documentation.
 #[macro_export]
 macro_rules! passes {
     // All rows.
-    ($($name:ident [$($feature:ident)*] ($($input:tt)*) -> ($($output:ident : [$element:ty]),+) = $file:ident :: $function:ident ;)*) => {
+    ($($extent:ident $name:ident [$($feature:ident)*] ($($input:tt)*) -> ($($output:ident : [$element:ty]),+) = $file:ident :: $function:ident ;)*) => {
         /// GPU entry points: one module a pass, one function a combination of its features.
         pub mod entry {
             $(
@@ -42,7 +45,7 @@ macro_rules! passes {
                 pub mod $name {
                     #[allow(unused_imports)]
                     use $crate::wiring::prelude::*;
-                    $crate::passes!{ @variants entry ($file $function) [$($feature)*] [$($input)*] [$($output : [$element]),+] }
+                    $crate::passes!{ @variants entry ($extent $file $function) [$($feature)*] [$($input)*] [$($output : [$element]),+] }
                 }
             )*
         }
@@ -55,7 +58,7 @@ macro_rules! passes {
                 pub mod $name {
                     #[allow(unused_imports)]
                     use $crate::wiring::prelude::*;
-                    $crate::passes!{ @variants kernel ($file $function) [$($feature)*] [$($input)*] [$($output : [$element]),+] }
+                    $crate::passes!{ @variants kernel ($extent $file $function) [$($feature)*] [$($input)*] [$($output : [$element]),+] }
                 }
             )*
         }
@@ -68,6 +71,7 @@ macro_rules! passes {
             &[$(
                 $crate::wiring::Pass {
                     name: stringify!($name),
+                    extent: $crate::passes!(@extent $extent),
                     features: &[$($crate::wiring::Feature::$feature),*],
                     variants: $crate::passes!(@table $name [$($feature)*]),
                     bindings: $crate::passes!(@bindings [] [$($input)*] [$($output : [$element]),+]),
@@ -106,7 +110,24 @@ macro_rules! passes {
         }
     };
 
+    (@extent pixel) => { $crate::wiring::Extent::Pixels };
+    (@extent reservoir) => { $crate::wiring::Extent::Reservoirs };
+
+    // The call of a pass, and the index of its element.
+    (@call pixel $function:path, $px:ident, $number:expr, $frame:ident, [$($argument:tt)*]) => {{
+        let _ = $number;
+        $function($px, $frame, $($argument),*)
+    }};
+    (@call reservoir $function:path, $px:ident, $number:expr, $frame:ident, [$($argument:tt)*]) => {
+        $function($px, $number, $frame, $($argument),*)
+    };
+    (@index pixel $px:ident, $number:expr, $frame:ident) => { $frame.index_of($px) };
+    (@index reservoir $px:ident, $number:expr, $frame:ident) => { $frame.index_of_reservoir($px, $number) };
+
     // The list of bindings, `scene` expanded.
+    (@bindings $done:tt [prev_frame, $($rest:tt)*] $o:tt) => {
+        $crate::passes!(@bindings $done [$($rest)*] $o)
+    };
     (@bindings [$($done:tt)*] [scene $(, $($rest:tt)*)?] $o:tt) => {
         $crate::passes!(@bindings [$($done)* (triangles f32) (records u32) (texels u32)] [$($($rest)*)?] $o)
     };
@@ -122,86 +143,97 @@ macro_rules! passes {
 
     // GPU entry point: number the bindings and collect the arguments, then write the function.
     (@entry $variant:ident $f:tt [$($flag:literal),*] [$($i:tt)*] $o:tt) => {
-        $crate::passes!{ @number $variant $f [$($flag),*] frame [1 2 3 4 5 6 7 8 9 10 11 12] [] [] [$($i)*] $o }
+        $crate::passes!{ @number $variant $f [$($flag),*] (frames frame) [1 2 3 4 5 6 7 8 9 10 11 12] [] [] [$($i)*] $o }
     };
-    (@number $v:ident $f:tt $g:tt $frame:ident [$n0:literal $n1:literal $n2:literal $($n:literal)*] [$($p:tt)*] [$($a:tt)*] [scene $(, $($rest:tt)*)?] $o:tt) => {
+    (@number $v:ident $f:tt $g:tt ($frames:ident $frame:ident) $n:tt $p:tt [$($a:tt)*] [prev_frame, $($rest:tt)*] $o:tt) => {
+        $crate::passes!{ @number $v $f $g ($frames $frame) $n $p [$($a)* (&$frames.prev)] [$($rest)*] $o }
+    };
+    (@number $v:ident $f:tt $g:tt $frame:tt [$n0:literal $n1:literal $n2:literal $($n:literal)*] [$($p:tt)*] [$($a:tt)*] [scene $(, $($rest:tt)*)?] $o:tt) => {
         $crate::passes!{ @number $v $f $g $frame [$($n)*]
             [$($p)* ($n0 triangles f32) ($n1 records u32) ($n2 texels u32)]
             [$($a)* (&Scene { triangles, records, texels })] [$($($rest)*)?] $o }
     };
-    (@number $v:ident $f:tt $g:tt $frame:ident [$n0:literal $($n:literal)*] [$($p:tt)*] [$($a:tt)*] [$name:ident : [$element:ty] $(, $($rest:tt)*)?] $o:tt) => {
+    (@number $v:ident $f:tt $g:tt $frame:tt [$n0:literal $($n:literal)*] [$($p:tt)*] [$($a:tt)*] [$name:ident : [$element:ty] $(, $($rest:tt)*)?] $o:tt) => {
         $crate::passes!{ @number $v $f $g $frame [$($n)*] [$($p)* ($n0 $name $element)] [$($a)* ($name)] [$($($rest)*)?] $o }
     };
-    (@number $v:ident ($file:ident $function:ident) [$($flag:literal),*] $frame:ident [$n0:literal $($n:literal)*]
+    (@number $v:ident ($extent:ident $file:ident $function:ident) [$($flag:literal),*] ($frames:ident $frame:ident) [$n0:literal $($n:literal)*]
         [$(($number:literal $param:ident $type:ty))*] [$($argument:tt)*] [] [$output:ident : [$element:ty]]) => {
         #[spirv(compute(threads(8, 8)))]
         #[doc = "Entry point."]
         pub fn $v(
             #[spirv(global_invocation_id)] id: UVec3,
-            #[spirv(uniform, descriptor_set = 0, binding = 0)] $frame: &Frame,
+            #[spirv(uniform, descriptor_set = 0, binding = 0)] $frames: &FramePair,
             $(#[spirv(storage_buffer, descriptor_set = 0, binding = $number)] $param: &[$type],)*
             #[spirv(storage_buffer, descriptor_set = 0, binding = $n0)] $output: &mut [$element],
         ) {
             let px = id.truncate();
+            let $frame = &$frames.now;
             if px.x < $frame.width && px.y < $frame.height {
-                let value = $crate::$file::$function::<$($flag),*>(px, $frame, $($argument),*);
-                store($output, $frame.index_of(px), value);
+                let value = $crate::passes!(@call $extent $crate::$file::$function::<$($flag),*>, px, id.z, $frame, [$($argument)*]);
+                store($output, $crate::passes!(@index $extent px, id.z, $frame), value);
             }
         }
     };
-    (@number $v:ident ($file:ident $function:ident) [$($flag:literal),*] $frame:ident [$n0:literal $n1:literal $($n:literal)*]
+    (@number $v:ident ($extent:ident $file:ident $function:ident) [$($flag:literal),*] ($frames:ident $frame:ident) [$n0:literal $n1:literal $($n:literal)*]
         [$(($number:literal $param:ident $type:ty))*] [$($argument:tt)*] []
         [$first:ident : [$first_element:ty], $second:ident : [$second_element:ty]]) => {
         #[spirv(compute(threads(8, 8)))]
         #[doc = "Entry point."]
         pub fn $v(
             #[spirv(global_invocation_id)] id: UVec3,
-            #[spirv(uniform, descriptor_set = 0, binding = 0)] $frame: &Frame,
+            #[spirv(uniform, descriptor_set = 0, binding = 0)] $frames: &FramePair,
             $(#[spirv(storage_buffer, descriptor_set = 0, binding = $number)] $param: &[$type],)*
             #[spirv(storage_buffer, descriptor_set = 0, binding = $n0)] $first: &mut [$first_element],
             #[spirv(storage_buffer, descriptor_set = 0, binding = $n1)] $second: &mut [$second_element],
         ) {
             let px = id.truncate();
+            let $frame = &$frames.now;
             if px.x < $frame.width && px.y < $frame.height {
-                let value = $crate::$file::$function::<$($flag),*>(px, $frame, $($argument),*);
-                store($first, $frame.index_of(px), value.0);
-                store($second, $frame.index_of(px), value.1);
+                let value = $crate::passes!(@call $extent $crate::$file::$function::<$($flag),*>, px, id.z, $frame, [$($argument)*]);
+                let index = $crate::passes!(@index $extent px, id.z, $frame);
+                store($first, index, value.0);
+                store($second, index, value.1);
             }
         }
     };
 
     // Host kernel: read the same arguments in the same order, then walk the tiles of a band of rows.
     (@kernel $variant:ident $f:tt [$($flag:literal),*] [$($i:tt)*] $o:tt) => {
-        $crate::passes!{ @collect $variant $f [$($flag),*] frame [] [] [$($i)*] $o }
+        $crate::passes!{ @collect $variant $f [$($flag),*] (frames frame) [] [] [$($i)*] $o }
     };
-    (@collect $v:ident $f:tt $g:tt $frame:ident [$($p:tt)*] [$($a:tt)*] [scene $(, $($rest:tt)*)?] $o:tt) => {
+    (@collect $v:ident $f:tt $g:tt ($frames:ident $frame:ident) $p:tt [$($a:tt)*] [prev_frame, $($rest:tt)*] $o:tt) => {
+        $crate::passes!{ @collect $v $f $g ($frames $frame) $p [$($a)* (&$frames.prev)] [$($rest)*] $o }
+    };
+    (@collect $v:ident $f:tt $g:tt $frame:tt [$($p:tt)*] [$($a:tt)*] [scene $(, $($rest:tt)*)?] $o:tt) => {
         $crate::passes!{ @collect $v $f $g $frame [$($p)* (triangles f32) (records u32) (texels u32)]
             [$($a)* (&Scene { triangles, records, texels })] [$($($rest)*)?] $o }
     };
-    (@collect $v:ident $f:tt $g:tt $frame:ident [$($p:tt)*] [$($a:tt)*] [$name:ident : [$element:ty] $(, $($rest:tt)*)?] $o:tt) => {
+    (@collect $v:ident $f:tt $g:tt $frame:tt [$($p:tt)*] [$($a:tt)*] [$name:ident : [$element:ty] $(, $($rest:tt)*)?] $o:tt) => {
         $crate::passes!{ @collect $v $f $g $frame [$($p)* ($name $element)] [$($a)* ($name)] [$($($rest)*)?] $o }
     };
-    (@collect $v:ident ($file:ident $function:ident) [$($flag:literal),*] $frame:ident
+    (@collect $v:ident ($extent:ident $file:ident $function:ident) [$($flag:literal),*] ($frames:ident $frame:ident)
         [$(($param:ident $type:ty))*] [$($argument:tt)*] [] [$output:ident : [$element:ty]]) => {
         #[doc = "Kernel."]
-        pub fn $v($frame: &Frame, band: $crate::wiring::Band, mut buffers: $crate::wiring::Buffers) {
+        pub fn $v($frames: &FramePair, band: $crate::wiring::Band, mut buffers: $crate::wiring::Buffers) {
+            let $frame = &$frames.now;
             $(let $param: &[$type] = buffers.read();)*
             let $output: &mut [$element] = buffers.write();
-            band.for_each_pixel($frame, |i, px| {
-                $output[i] = $crate::$file::$function::<$($flag),*>(px, $frame, $($argument),*);
+            band.for_each($crate::passes!(@extent $extent), $frame, |i, px, number| {
+                $output[i] = $crate::passes!(@call $extent $crate::$file::$function::<$($flag),*>, px, number, $frame, [$($argument)*]);
             });
         }
     };
-    (@collect $v:ident ($file:ident $function:ident) [$($flag:literal),*] $frame:ident
+    (@collect $v:ident ($extent:ident $file:ident $function:ident) [$($flag:literal),*] ($frames:ident $frame:ident)
         [$(($param:ident $type:ty))*] [$($argument:tt)*] []
         [$first:ident : [$first_element:ty], $second:ident : [$second_element:ty]]) => {
         #[doc = "Kernel."]
-        pub fn $v($frame: &Frame, band: $crate::wiring::Band, mut buffers: $crate::wiring::Buffers) {
+        pub fn $v($frames: &FramePair, band: $crate::wiring::Band, mut buffers: $crate::wiring::Buffers) {
+            let $frame = &$frames.now;
             $(let $param: &[$type] = buffers.read();)*
             let $first: &mut [$first_element] = buffers.write();
             let $second: &mut [$second_element] = buffers.write();
-            band.for_each_pixel($frame, |i, px| {
-                ($first[i], $second[i]) = $crate::$file::$function::<$($flag),*>(px, $frame, $($argument),*);
+            band.for_each($crate::passes!(@extent $extent), $frame, |i, px, number| {
+                ($first[i], $second[i]) = $crate::passes!(@call $extent $crate::$file::$function::<$($flag),*>, px, number, $frame, [$($argument)*]);
             });
         }
     };
@@ -214,7 +246,7 @@ pub mod prelude {
     pub use glam::{UVec3, UVec4, Vec4};
     pub use spirv_std::spirv;
     pub use weir_shared::{
-        frame::Frame, moments::Moments, numerics::store, reservoir::Reservoir, scene::Scene, surface::Surface,
+        frame::FramePair, moments::Moments, numerics::store, reservoir::Reservoir, scene::Scene, surface::Surface,
     };
 }
 
@@ -226,7 +258,7 @@ mod host {
     use bytemuck::Pod;
     use core::mem::size_of;
     use glam::UVec2;
-    use weir_shared::frame::Frame;
+    use weir_shared::frame::{Frame, FramePair};
 
     /// A property of the scene that changes the code of passes.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -241,11 +273,31 @@ mod host {
         SPECULAR,
     }
 
+    /// How many elements a pass computes, and a buffer has.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Extent {
+        /// One for each pixel.
+        Pixels,
+        /// One for each reservoir of each pixel.
+        Reservoirs,
+    }
+
+    impl std::fmt::Display for Extent {
+        fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+            f.write_str(match self {
+                Self::Pixels => "pixel",
+                Self::Reservoirs => "reservoir",
+            })
+        }
+    }
+
     /// A row of the table.
     #[derive(Debug)]
     pub struct Pass {
-        /// Name of the row; file, timer and message say the same.
+        /// Name of the row; timer and message say the same.
         pub name: &'static str,
+        /// Elements of its outputs.
+        pub extent: Extent,
         /// Features that change its code.
         pub features: &'static [Feature],
         /// One for each combination: bit i of the index stands for feature i.
@@ -264,7 +316,7 @@ mod host {
     }
 
     /// A host kernel. `Buffers` hold all of every input, and the band's rows of every output.
-    pub type Kernel = fn(&Frame, Band, Buffers);
+    pub type Kernel = fn(&FramePair, Band, Buffers);
 
     /// Whether a pass reads or writes a buffer.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -318,17 +370,21 @@ mod host {
     }
 
     impl Band {
-        /// Calls `f` with the index within the band and the pixel.
+        /// Calls `f` with the index within the band, the pixel, and the number of the reservoir.
         #[inline(always)]
-        pub fn for_each_pixel(&self, frame: &Frame, mut f: impl FnMut(usize, UVec2)) {
+        pub fn for_each(&self, extent: Extent, frame: &Frame, mut f: impl FnMut(usize, UVec2, u32)) {
             const TILE: u32 = 8;
+            let numbers = if extent == Extent::Pixels { 1 } else { frame.reservoirs };
             let (columns, rows) = (frame.width.div_ceil(TILE), self.rows.div_ceil(TILE));
             for tile in 0..columns * rows {
                 let tile = if self.backwards { columns * rows - 1 - tile } else { tile };
                 let (x0, y0) = (tile % columns * TILE, tile / columns * TILE);
                 for y in y0..(y0 + TILE).min(self.rows) {
                     for x in x0..(x0 + TILE).min(frame.width) {
-                        f((y * frame.width + x) as usize, UVec2::new(x, self.first_row + y));
+                        for number in 0..numbers {
+                            let index = (y * numbers + number) * frame.width + x;
+                            f(index as usize, UVec2::new(x, self.first_row + y), number);
+                        }
                     }
                 }
             }

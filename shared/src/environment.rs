@@ -7,7 +7,7 @@ use glam::Vec3;
 use crate::{
     alias,
     frame::Frame,
-    numerics::{atan2, floor, load, min, sin_cos, sqrt},
+    numerics::{atan2, floor, load, max, min, pack_cell, sin_cos, sqrt},
     scene::Scene,
 };
 
@@ -54,15 +54,31 @@ fn radiance_at(frame: &Frame, scene: &Scene, x: f32, y: f32) -> Vec3 {
     (top * (1.0 - fy) + bottom * fy) * frame.environment_scale
 }
 
-/// Radiance from `direction` (of length 1), in W sr^-1 m^-2.
+/// Where on the map a direction (of length 1) is, in texels.
 #[inline(always)]
-pub fn radiance(frame: &Frame, scene: &Scene, direction: Vec3) -> Vec3 {
+fn coordinates(frame: &Frame, direction: Vec3) -> (f32, f32) {
     let mx = frame.environment_cos * direction.x - frame.environment_sin * direction.z;
     let mz = frame.environment_cos * direction.z + frame.environment_sin * direction.x;
     let horizontal = sqrt(mx * mx + mz * mz);
     let x = (atan2(mx, -mz) * (0.5 * FRAC_1_PI) + 0.5) * frame.environment_width as f32;
     let y = atan2(horizontal, direction.y) * FRAC_1_PI * frame.environment_height as f32;
-    radiance_at(frame, scene, min(x, frame.environment_width as f32), y)
+    (min(x, frame.environment_width as f32), y)
+}
+
+/// Radiance from `direction` (of length 1), in W sr^-1 m^-2.
+#[inline(always)]
+pub fn radiance(frame: &Frame, scene: &Scene, direction: Vec3) -> Vec3 {
+    let (x, y) = coordinates(frame, direction);
+    radiance_at(frame, scene, x, y)
+}
+
+/// The texel that a direction (of length 1) lies in, and where in it: two 16-bit coordinates.
+#[inline(always)]
+pub fn locate(frame: &Frame, direction: Vec3) -> (u32, u32) {
+    let (x, y) = coordinates(frame, direction);
+    let column = (max(x, 0.0) as u32).min(frame.environment_width - 1);
+    let row = (max(y, 0.0) as u32).min(frame.environment_height - 1);
+    (row * frame.environment_width + column, pack_cell(x - column as f32, y - row as f32))
 }
 
 /// A point of the environment.
@@ -84,6 +100,12 @@ pub fn evaluate(frame: &Frame, scene: &Scene, index: u32, u: f32, v: f32) -> Env
     let y = row as f32 + v;
     let (direction, solid_angle) = direction_at(frame, x, y);
     EnvironmentSample { direction, radiance: radiance_at(frame, scene, x, y), solid_angle }
+}
+
+/// Probability with which [`pick`] draws a texel.
+#[inline(always)]
+pub fn pmf(frame: &Frame, lights: &[u32], index: u32) -> f32 {
+    alias::pmf(lights, frame.environment_table_at, index)
 }
 
 /// A texel by its power, with its probability.

@@ -75,20 +75,112 @@ pub struct Frame {
 
     /// Multiplies the environment's radiance.
     pub environment_scale: f32,
+    /// Reservoirs of each pixel.
+    pub reservoirs: u32,
+    /// Which round of spatial reuse this is, from 0.
+    pub round: u32,
+    /// How an item of a stream is chosen, see [`crate::resample::choice`].
+    pub choice: u32,
+
+    /// Candidates among [`Frame::candidates`] that are directions drawn from the BSDF.
+    pub candidates_bsdf: u32,
+    /// Groups that candidates are ranked in by a cheap target before one of each meets the full target; 0: all do.
+    pub candidates_full: u32,
+    /// Weights of merging, see [`crate::merge::form`].
+    pub mis_form: u32,
+    /// 1: the frame before this one may be reused.
+    pub has_history: u32,
+
+    /// Neighbours of the pixel in the frame before, beside the pixel itself.
+    pub temporal_neighbors: u32,
+    /// The same where the pixel itself was not seen in the frame before.
+    pub temporal_neighbors_unseen: u32,
+    /// Neighbours in a round of spatial reuse.
+    pub spatial_neighbors: u32,
+    /// The same where the pixel was not seen in the frame before.
+    pub spatial_neighbors_unseen: u32,
+
+    /// Largest confidence that the frame before is trusted with, in units of the pixel's own.
+    pub confidence_cap: u32,
+    /// How neighbours are found, see [`crate::reuse::rule`].
+    pub neighbor_rule: u32,
+    /// How far away neighbours may be.
+    pub radius_px: f32,
+    /// Smallest cosine between the normals of neighbours.
+    pub normal_cosine: f32,
+
+    /// How far a neighbour may lie off the tangent plane, as a share of the distance to the camera.
+    pub plane_tolerance: f32,
+    /// How much the roughness of neighbours may differ.
+    pub roughness_tolerance: f32,
+    /// What part shadow rays have in reuse, see [`crate::reuse::probe`].
+    pub probe: u32,
+    /// Which pixels have reservoirs of full quality, see [`crate::reuse::lattice`].
+    pub lattice: u32,
+
+    /// Reach of occlusion in the target: pixels on the screen for `SCREEN`, see [`crate::target::occlusion`].
+    pub occlusion_reach: f32,
+    /// Approximate occlusion in the target, see [`crate::target::occlusion`].
+    pub occlusion: u32,
+    /// Candidates of pixels that are not on the lattice.
+    pub candidates_off_lattice: u32,
     /// Not used.
-    pub padding_y: u32,
-    /// Not used.
-    pub padding_z: u32,
-    /// Not used.
-    pub padding_w: u32,
+    pub padding: u32,
 }
 
-const _: () = assert!(size_of::<Frame>() == 160 && offset_of!(Frame, environment_scale) == 144);
+const _: () = assert!(size_of::<Frame>() == 240 && offset_of!(Frame, environment_scale) == 144);
+
+/// The uniform of a step: the frame, and the one before it.
+///
+/// Whatever is asked of the frame before (its camera, its instances, its lights, its acceleration structure) is asked
+/// of [`FramePair::prev`] by the same functions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct FramePair {
+    /// The frame that is computed.
+    pub now: Frame,
+    /// The frame before it; the same as `now` where there is none.
+    pub prev: Frame,
+}
+
+const _: () = assert!(size_of::<FramePair>() == 480 && offset_of!(FramePair, prev) == 240);
+
+impl FramePair {
+    /// What the scene is asked by (instances, lights, acceleration structure, environment) in this frame or in that
+    /// before it; nothing else of the frame is there. By value, so that one body of code can serve both.
+    #[inline(always)]
+    pub fn moment(now: &Frame, prev: &Frame, past: bool) -> Frame {
+        Frame {
+            top_root: if past { prev.top_root } else { now.top_root },
+            instance_count: if past { prev.instance_count } else { now.instance_count },
+            top_order_at: if past { prev.top_order_at } else { now.top_order_at },
+            instances_at: if past { prev.instances_at } else { now.instances_at },
+            emitters_at: if past { prev.emitters_at } else { now.emitters_at },
+            emitter_count: if past { prev.emitter_count } else { now.emitter_count },
+            light_count: if past { prev.light_count } else { now.light_count },
+            environment_cos: if past { prev.environment_cos } else { now.environment_cos },
+            environment_sin: if past { prev.environment_sin } else { now.environment_sin },
+            environment_scale: if past { prev.environment_scale } else { now.environment_scale },
+            materials_at: now.materials_at,
+            textures_at: now.textures_at,
+            environment_texels_at: now.environment_texels_at,
+            environment_width: now.environment_width,
+            environment_height: now.environment_height,
+            ..Frame::default()
+        }
+    }
+}
 
 impl Frame {
     /// Row-major index of a pixel.
     #[inline(always)]
     pub fn index_of(&self, px: UVec2) -> u32 {
         px.y.wrapping_mul(self.width).wrapping_add(px.x)
+    }
+
+    /// Index of one of the reservoirs of a pixel: rows of pixels stay together.
+    #[inline(always)]
+    pub fn index_of_reservoir(&self, px: UVec2, reservoir: u32) -> u32 {
+        px.y.wrapping_mul(self.reservoirs).wrapping_add(reservoir).wrapping_mul(self.width).wrapping_add(px.x)
     }
 }

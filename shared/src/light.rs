@@ -6,8 +6,8 @@ use crate::{
     alias, environment,
     frame::Frame,
     numerics::{multiply_high, sqrt, unorm16_center},
-    ray::{FAR, Ray, offset_origin},
-    scene::{NO_TEXTURE, Scene, emitter_record, instance_record, material_record},
+    ray::{FAR, Hit, Ray, offset_origin},
+    scene::{NO_INSTANCE, NO_TEXTURE, Scene, emitter_record, instance_record, material_record},
     surface::Surface,
     texture,
     triangle::square_to_triangle,
@@ -36,18 +36,36 @@ pub struct LightPoint {
     pub distant: bool,
 }
 
+impl LightPoint {
+    /// No light: nothing reaches anything.
+    pub const NONE: Self = Self {
+        position: Vec3::ZERO,
+        normal: Vec3::ZERO,
+        radiance: Vec3::ZERO,
+        jacobian: 0.0,
+        error: 0.0,
+        two_sided: false,
+        distant: false,
+    };
+}
+
 /// What of a light point reaches a surface, if nothing is in between.
 #[derive(Clone, Copy)]
 pub struct Arriving {
     /// From the surface toward the light, of length 1.
     pub direction: Vec3,
-    /// Radiance times |d solid angle / d (u, v)|, in W m^-2: times BSDF and cosine it is the integrand over (u, v).
+    /// Radiance times `solid_angle`, in W m^-2: times BSDF and cosine it is the integrand over (u, v).
     pub irradiance: Vec3,
+    /// |d solid angle / d (u, v)|, in sr: turns a density over solid angle into one over (u, v).
+    pub solid_angle: f32,
 }
 
-/// Instance and triangle of a light.
+/// A light id that stands for none.
+pub const NO_LIGHT: u32 = 0xffff_ffff;
+
+/// The emitter (an instance that emits) of an emissive triangle.
 #[inline(always)]
-pub fn triangle_of(frame: &Frame, scene: &Scene, light: u32) -> (u32, u32) {
+fn emitter_of(frame: &Frame, scene: &Scene, light: u32) -> u32 {
     // Binary search for the last emitter whose first light is not beyond `light`.
     let mut low = 0;
     let mut high = frame.emitter_count;
@@ -59,11 +77,50 @@ pub fn triangle_of(frame: &Frame, scene: &Scene, light: u32) -> (u32, u32) {
             high = middle;
         }
     }
-    let instance = scene.emitter_word(frame, low, emitter_record::INSTANCE);
-    let local = light - scene.emitter_word(frame, low, emitter_record::FIRST_LIGHT);
+    low
+}
+
+/// Where the triangle of a light is.
+#[derive(Clone, Copy)]
+pub struct Place {
+    /// Its instance.
+    pub instance: u32,
+    /// Its number among all triangles.
+    pub triangle: u32,
+}
+
+/// The triangle of emissive triangle number `local` of an instance.
+#[inline(always)]
+fn place_of(frame: &Frame, scene: &Scene, instance: u32, local: u32) -> Place {
     let list = scene.instance_word(frame, instance, instance_record::LIGHT_LIST_AT);
     let first = scene.instance_word(frame, instance, instance_record::FIRST_TRIANGLE);
-    (instance, first + scene.record(list + local))
+    Place { instance, triangle: first + scene.record(list + local) }
+}
+
+/// Where the triangle of a light is.
+#[inline(always)]
+pub fn find(frame: &Frame, scene: &Scene, light: u32) -> Place {
+    let emitter = emitter_of(frame, scene, light);
+    let instance = scene.emitter_word(frame, emitter, emitter_record::INSTANCE);
+    place_of(frame, scene, instance, light - scene.emitter_word(frame, emitter, emitter_record::FIRST_LIGHT))
+}
+
+/// The id in frame `to` of what has the id `light` in frame `from`; [`NO_LIGHT`] if it is not there. One of the frames
+/// is the one before the other. The environment is in both or in none.
+#[inline(always)]
+pub fn translate(from: &Frame, to: &Frame, scene: &Scene, light: u32) -> u32 {
+    // Without a table of its own, a frame shares that of the frame before: nothing has moved.
+    if from.instances_at == to.instances_at || (light & ENVIRONMENT_BIT) != 0 {
+        return light;
+    }
+    let emitter = emitter_of(from, scene, light);
+    let instance = scene.emitter_word(from, emitter, emitter_record::INSTANCE);
+    let counterpart = scene.instance_word(from, instance, instance_record::COUNTERPART);
+    if counterpart == NO_INSTANCE {
+        return NO_LIGHT;
+    }
+    let local = light - scene.emitter_word(from, emitter, emitter_record::FIRST_LIGHT);
+    scene.instance_word(to, counterpart, instance_record::FIRST_LIGHT) + local
 }
 
 /// The point `uv` (two 16-bit numbers) of light `light`. Evaluated from the quantised numbers, so that every reader
@@ -75,24 +132,37 @@ pub fn evaluate<const TEXTURES: bool, const ENVIRONMENT: bool>(
     light: u32,
     uv: u32,
 ) -> LightPoint {
-    let (u, v) = (unorm16_center(uv), unorm16_center(uv >> 16));
     if ENVIRONMENT && (light & ENVIRONMENT_BIT) != 0 {
-        let sample = environment::evaluate(frame, scene, light & !ENVIRONMENT_BIT, u, v);
-        return LightPoint {
-            position: sample.direction,
-            normal: Vec3::ZERO,
-            radiance: sample.radiance,
-            jacobian: sample.solid_angle,
-            error: 0.0,
-            two_sided: false,
-            distant: true,
-        };
+        return evaluate_environment(frame, scene, light, uv);
     }
-    let (instance, triangle) = triangle_of(frame, scene, light);
+    evaluate_triangle::<TEXTURES>(frame, scene, find(frame, scene, light), uv)
+}
+
+/// [`evaluate`] for a texel of the environment.
+#[inline(always)]
+pub fn evaluate_environment(frame: &Frame, scene: &Scene, light: u32, uv: u32) -> LightPoint {
+    let (u, v) = (unorm16_center(uv), unorm16_center(uv >> 16));
+    let sample = environment::evaluate(frame, scene, light & !ENVIRONMENT_BIT, u, v);
+    LightPoint {
+        position: sample.direction,
+        normal: Vec3::ZERO,
+        radiance: sample.radiance,
+        jacobian: sample.solid_angle,
+        error: 0.0,
+        two_sided: false,
+        distant: true,
+    }
+}
+
+/// [`evaluate`] for an emissive triangle whose place is known.
+#[inline(always)]
+pub fn evaluate_triangle<const TEXTURES: bool>(frame: &Frame, scene: &Scene, place: Place, uv: u32) -> LightPoint {
+    let Place { instance, triangle } = place;
+    let (u, v) = (unorm16_center(uv), unorm16_center(uv >> 16));
     let vertices = scene.world_triangle(frame, instance, triangle);
     let material = scene.material_of(frame, instance, triangle);
     let (b, c) = square_to_triangle(u, v);
-    let mut radiance = scene.material_rgb(material, material_record::EMISSION);
+    let mut radiance = scene.emission(frame, instance, material);
     if TEXTURES {
         let map = scene.material_word(material, material_record::EMISSION_TEXTURE);
         if map != NO_TEXTURE {
@@ -117,20 +187,22 @@ pub fn evaluate<const TEXTURES: bool, const ENVIRONMENT: bool>(
 #[inline(always)]
 pub fn arriving<const ENVIRONMENT: bool>(position: Vec3, light: &LightPoint) -> Arriving {
     if ENVIRONMENT && light.distant {
-        return Arriving { direction: light.position, irradiance: light.radiance * light.jacobian };
+        let irradiance = light.radiance * light.jacobian;
+        return Arriving { direction: light.position, irradiance, solid_angle: light.jacobian };
     }
     let toward = light.position - position;
     let distance2 = toward.length_squared();
     if !(distance2 > 0.0) {
-        return Arriving { direction: Vec3::ZERO, irradiance: Vec3::ZERO };
+        return Arriving { direction: Vec3::ZERO, irradiance: Vec3::ZERO, solid_angle: 0.0 };
     }
     let direction = toward * (1.0 / sqrt(distance2));
     let facing = -light.normal.dot(direction);
     let cosine = if light.two_sided && facing < 0.0 { -facing } else { facing };
     if !(cosine > 0.0) {
-        return Arriving { direction, irradiance: Vec3::ZERO };
+        return Arriving { direction, irradiance: Vec3::ZERO, solid_angle: 0.0 };
     }
-    Arriving { direction, irradiance: light.radiance * (cosine * light.jacobian / distance2) }
+    let solid_angle = cosine * light.jacobian / distance2;
+    Arriving { direction, irradiance: light.radiance * solid_angle, solid_angle }
 }
 
 /// The ray between a surface and a light point, clear of both by their margins.
@@ -148,11 +220,23 @@ pub fn shadow_ray<const ENVIRONMENT: bool>(surface: &Surface, light: &LightPoint
     Ray { origin, direction: end - origin, t_max: 1.0 }
 }
 
-/// A light by the scene's table, or uniformly, with its probability, from four times 32 random bits.
+/// An emissive triangle that was drawn.
+#[derive(Clone, Copy)]
+pub struct Picked {
+    /// Its id.
+    pub light: u32,
+    /// Its probability.
+    pub pmf: f32,
+    /// Where it is.
+    pub place: Place,
+}
+
+/// An emissive triangle by the scene's tables, or uniformly, from four times 32 random bits.
 #[inline(always)]
-pub fn pick(frame: &Frame, scene: &Scene, lights: &[u32], bits: [u32; 4]) -> alias::Pick {
+pub fn pick(frame: &Frame, scene: &Scene, lights: &[u32], bits: [u32; 4]) -> Picked {
     if frame.pick_by_power == 0 {
-        return alias::Pick { index: multiply_high(bits[0], frame.light_count), pmf: 1.0 / frame.light_count as f32 };
+        let light = multiply_high(bits[0], frame.light_count);
+        return Picked { light, pmf: 1.0 / frame.light_count as f32, place: find(frame, scene, light) };
     }
     // The table over emitters starts the buffer; each mesh has one over its emissive triangles.
     let emitter = alias::pick(lights, 0, frame.emitter_count, bits[0], bits[1]);
@@ -161,5 +245,45 @@ pub fn pick(frame: &Frame, scene: &Scene, lights: &[u32], bits: [u32; 4]) -> ali
     let count = scene.instance_word(frame, instance, instance_record::LIGHT_COUNT);
     let local = alias::pick(lights, table, count, bits[2], bits[3]);
     let first = scene.emitter_word(frame, emitter.index, emitter_record::FIRST_LIGHT);
-    alias::Pick { index: first + local.index, pmf: emitter.pmf * local.pmf }
+    Picked {
+        light: first + local.index,
+        pmf: emitter.pmf * local.pmf,
+        place: place_of(frame, scene, instance, local.index),
+    }
+}
+
+/// Probability with which [`pick`] draws a light.
+#[inline(always)]
+pub fn pmf(frame: &Frame, scene: &Scene, lights: &[u32], light: u32) -> f32 {
+    if frame.pick_by_power == 0 {
+        return 1.0 / frame.light_count as f32;
+    }
+    let emitter = emitter_of(frame, scene, light);
+    let instance = scene.emitter_word(frame, emitter, emitter_record::INSTANCE);
+    let table = scene.instance_word(frame, instance, instance_record::LIGHT_TABLE_AT);
+    let local = light - scene.emitter_word(frame, emitter, emitter_record::FIRST_LIGHT);
+    alias::pmf(lights, 0, emitter) * alias::pmf(lights, table, local)
+}
+
+/// The id of the light that a ray has hit; [`NO_LIGHT`] if what it hit does not emit.
+#[inline(always)]
+pub fn of_hit(frame: &Frame, scene: &Scene, hit: &Hit) -> u32 {
+    let local = hit.triangle - scene.instance_word(frame, hit.instance, instance_record::FIRST_TRIANGLE);
+    let list = scene.instance_word(frame, hit.instance, instance_record::LIGHT_LIST_AT);
+    // Binary search: the list is in the order of the triangles.
+    let mut low = 0;
+    let mut high = scene.instance_word(frame, hit.instance, instance_record::LIGHT_COUNT);
+    while low < high {
+        let middle = (low + high) / 2;
+        let there = scene.record(list + middle);
+        if there == local {
+            return scene.instance_word(frame, hit.instance, instance_record::FIRST_LIGHT) + middle;
+        }
+        if there < local {
+            low = middle + 1;
+        } else {
+            high = middle;
+        }
+    }
+    NO_LIGHT
 }

@@ -107,6 +107,13 @@ pub fn unit_float(bits: u32) -> f32 {
     (bits >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
+/// Two numbers in `0..=1` as the 16-bit cells that hold them, the first in the low half; see [`unorm16_center`].
+#[inline(always)]
+pub fn pack_cell(u: f32, v: f32) -> u32 {
+    let cell = |x: f32| (clamp(x, 0.0, 1.0) * 65_536.0) as u32;
+    cell(u).min(0xffff) | (cell(v).min(0xffff) << 16)
+}
+
 /// Center of the cell that a 16-bit number stands for, in `0..1` exclusive.
 #[inline(always)]
 pub fn unorm16_center(bits: u32) -> f32 {

@@ -1,11 +1,9 @@
-//! Weighted reservoir sampling: one sample kept of a stream, in proportion to its weight.
+//! What a pixel remembers between passes.
 
 use bytemuck::{Pod, Zeroable};
 use core::mem::{offset_of, size_of};
 
-use crate::numerics::is_finite;
-
-/// What a pixel remembers between passes: one 16-byte row. All zero: no sample.
+/// A light sample and its weight: one 16-byte row. All zero: no sample, no trial.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Reservoir {
@@ -15,140 +13,83 @@ pub struct Reservoir {
     pub uv: u32,
     /// Unbiased contribution weight W: stands for the reciprocal of the sample's density over (light, u, v).
     pub ucw: f32,
-    /// Confidence: how many independent trials this sample stands for.
-    pub confidence: f32,
+    /// Low half: confidence. High half: marks, see [`Reservoir::is_hidden`].
+    pub state: u32,
 }
 
-const _: () = assert!(size_of::<Reservoir>() == 16 && offset_of!(Reservoir, ucw) == 8);
+const _: () = assert!(size_of::<Reservoir>() == 16 && offset_of!(Reservoir, state) == 12);
+
+/// Largest confidence that a reservoir can have: beyond it, confidence stays where it is.
+pub const MAX_CONFIDENCE: u32 = 0xffff;
+
+/// Inputs of a merge that marks can tell apart, the pixel's own among them.
+pub const MAX_INPUTS: u32 = 15;
+
+const KNOWN_VISIBLE: u32 = 0x8000_0000;
 
 impl Reservoir {
     /// No sample, no trial.
-    pub const EMPTY: Self = Self { light: 0, uv: 0, ucw: 0.0, confidence: 0.0 };
+    pub const EMPTY: Self = Self { light: 0, uv: 0, ucw: 0.0, state: 0 };
+
+    /// A sample of given confidence (at most [`MAX_CONFIDENCE`] is kept of it) without marks. Confidence counts even
+    /// without a sample (`ucw` 0): it is part of the estimate that nothing was found.
+    #[inline(always)]
+    pub fn new(light: u32, uv: u32, ucw: f32, confidence: u32) -> Self {
+        Self { light, uv, ucw, state: confidence.min(MAX_CONFIDENCE) }
+    }
 
     /// Whether there is a sample that contributes.
     #[inline(always)]
     pub fn has_sample(&self) -> bool {
         self.ucw > 0.0
     }
-}
 
-/// A stream being resampled: what only streaming needs.
-#[derive(Clone, Copy)]
-pub struct Stream {
-    light: u32,
-    uv: u32,
-    target: f32,
-    weight_sum: f32,
-}
-
-impl Stream {
-    /// Nothing offered yet.
+    /// Confidence c: how many independent trials this sample stands for.
     #[inline(always)]
-    pub fn new() -> Self {
-        Self { light: 0, uv: 0, target: 0.0, weight_sum: 0.0 }
+    pub fn confidence(&self) -> u32 {
+        self.state & MAX_CONFIDENCE
     }
 
-    /// Offers a sample with target p̂ and resampling weight w = m p̂ W, and a uniform number in 0..1. Weights that are
-    /// not positive and finite are dropped.
-    ///
-    /// Source: Chao 1982, "A General Purpose Unequal Probability Sampling Plan".
+    /// Mark 0: the pixel's own sample is hidden from the input that was asked for it. Mark i: the sample of input i
+    /// is hidden from the pixel. Shadow rays are traced in passes of their own, and this is how they report.
     #[inline(always)]
-    pub fn offer(&mut self, light: u32, uv: u32, target: f32, weight: f32, random: f32) {
-        if !(weight > 0.0) || !is_finite(weight) {
-            return;
-        }
-        self.weight_sum += weight;
-        // Strict: a weight of zero is not kept even where the random number is zero.
-        if random * self.weight_sum < weight {
-            self.light = light;
-            self.uv = uv;
-            self.target = target;
-        }
+    pub fn is_hidden(&self, mark: u32) -> bool {
+        (self.state >> (16 + mark)) & 1 != 0
     }
 
-    /// The kept sample with W = (sum of weights) / p̂, and the confidence of one trial. Without a sample the
-    /// confidence stays: it is part of the estimate that nothing was found.
+    /// The same with mark `mark` set.
     #[inline(always)]
-    pub fn finish(&self) -> Reservoir {
-        let ucw = if self.target > 0.0 { self.weight_sum / self.target } else { 0.0 };
-        Reservoir { light: self.light, uv: self.uv, ucw: if is_finite(ucw) { ucw } else { 0.0 }, confidence: 1.0 }
+    pub fn with_hidden(self, mark: u32) -> Self {
+        Self { state: self.state | (1 << (16 + mark)), ..self }
     }
-}
 
-impl Default for Stream {
-    fn default() -> Self {
-        Self::new()
+    /// Whether a shadow ray from this pixel to the sample is known to pass.
+    #[inline(always)]
+    pub fn is_known_visible(&self) -> bool {
+        self.state & KNOWN_VISIBLE != 0
+    }
+
+    /// The same, known to be visible.
+    #[inline(always)]
+    pub fn known_visible(self) -> Self {
+        Self { state: self.state | KNOWN_VISIBLE, ..self }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{numerics::unit_float, rng::pcg4d};
 
     #[test]
-    fn samples_are_kept_in_proportion_to_their_weights() {
-        let weights = [1.0, 0.0, 3.0, f32::NAN, 4.0, f32::INFINITY, -1.0];
-        let mut counts = [0.0f64; 7];
-        let n = 160_000;
-        for i in 0..n {
-            let mut stream = Stream::new();
-            for (j, &w) in weights.iter().enumerate() {
-                stream.offer(j as u32, 0, 2.0, w, unit_float(pcg4d(i, j as u32, 0, 9)[0]));
-            }
-            let kept = stream.finish();
-            assert_eq!(kept.ucw, 4.0);
-            counts[kept.light as usize] += 1.0;
+    fn confidence_and_marks_do_not_touch_each_other() {
+        let mut reservoir = Reservoir::new(1, 2, 3.0, 70_000);
+        assert_eq!(reservoir.confidence(), MAX_CONFIDENCE);
+        for mark in 0..MAX_INPUTS {
+            assert!(!reservoir.is_hidden(mark));
+            reservoir = reservoir.with_hidden(mark);
+            assert!(reservoir.is_hidden(mark) && !reservoir.is_known_visible());
         }
-        let statistic: f64 = [(0, 1.0), (2, 3.0), (4, 4.0)]
-            .iter()
-            .map(|&(i, w)| (counts[i] - f64::from(n) * w / 8.0).powi(2) / (f64::from(n) * w / 8.0))
-            .sum();
-        assert!(statistic < 27.0, "chi-square with 2 degrees of freedom: {statistic} {counts:?}");
-        assert_eq!(counts[1] + counts[3] + counts[5] + counts[6], 0.0);
-    }
-
-    /// All ordered pairs from three lights and every acceptance: no sampling noise, only rounding.
-    #[test]
-    fn streaming_resampling_is_unbiased_by_enumeration() {
-        let (target, pmf) = ([0.0f64, 1.0, 3.0], [0.2f64, 0.5, 0.3]);
-        let mut mean = 0.0;
-        for a in 0..3 {
-            for b in 0..3 {
-                let w = [target[a] / pmf[a] / 2.0, target[b] / pmf[b] / 2.0];
-                let sum = w[0] + w[1];
-                for (kept, weight) in [(a, w[0]), (b, w[1])] {
-                    if weight > 0.0 {
-                        mean += pmf[a] * pmf[b] * (weight / sum) * target[kept] * (sum / target[kept]);
-                    }
-                }
-                // The code keeps either sample and reports the same W.
-                let mut stream = Stream::new();
-                stream.offer(0, a as u32, target[a] as f32, w[0] as f32, 0.0);
-                stream.offer(0, b as u32, target[b] as f32, w[1] as f32, 0.5);
-                let kept = stream.finish();
-                if sum > 0.0 {
-                    let expected = sum / target[kept.uv as usize];
-                    assert!((f64::from(kept.ucw) - expected).abs() < 1e-5 * expected);
-                } else {
-                    assert_eq!(kept.ucw, 0.0);
-                }
-            }
-        }
-        assert!((mean - 4.0).abs() < 1e-12);
-    }
-
-    #[test]
-    fn nothing_but_zero_weights_gives_no_sample_and_keeps_the_confidence() {
-        let mut stream = Stream::new();
-        stream.offer(1, 2, 0.0, 0.0, 0.0);
-        assert_eq!(stream.finish(), Reservoir { confidence: 1.0, ..Reservoir::EMPTY });
-    }
-
-    #[test]
-    fn an_overflowing_contribution_weight_is_dropped() {
-        let mut stream = Stream::new();
-        stream.offer(1, 2, 1e-38, 1e10, 0.0);
-        assert!(!stream.finish().has_sample());
+        assert_eq!(reservoir.known_visible().confidence(), MAX_CONFIDENCE);
+        assert!(reservoir.known_visible().is_known_visible() && Reservoir::new(1, 2, 3.0, 5).confidence() == 5);
     }
 }

@@ -1,8 +1,8 @@
 //! Random numbers: a hash of (pixel, seed, frame, stage, dimension), the same integers on every processor.
 
-use glam::UVec2;
+use glam::{UVec2, UVec4};
 
-use crate::frame::Frame;
+use crate::{frame::Frame, numerics::unit_float};
 
 /// What the numbers are for. Two stages never share a number.
 #[derive(Clone, Copy)]
@@ -10,8 +10,26 @@ use crate::frame::Frame;
 pub enum Stage {
     /// Position within the pixel.
     Primary = 1,
-    /// Candidate lights and the choice among them.
+    /// Candidate lights.
     Candidates = 2,
+    /// Which candidate is kept.
+    CandidateChoice = 3,
+    /// Which candidate of a group is kept.
+    GroupChoice = 6,
+    /// Directions from the BSDF.
+    BsdfRay = 7,
+    /// Which inputs temporal reuse has.
+    TemporalInputs = 4,
+    /// Which sample temporal reuse keeps.
+    TemporalChoice = 5,
+    /// Which input of temporal reuse is asked for the pixel's own sample.
+    TemporalPartner = 8,
+    /// As [`Stage::TemporalInputs`], for the first round of spatial reuse; other rounds follow.
+    SpatialInputs = 16,
+    /// As [`Stage::TemporalChoice`], for the first round of spatial reuse; other rounds follow.
+    SpatialChoice = 32,
+    /// As [`Stage::TemporalPartner`], for the first round of spatial reuse; other rounds follow.
+    SpatialPartner = 48,
 }
 
 /// A counter-based generator: number `i` of a stream is a hash of the stream's key and `i`.
@@ -21,18 +39,68 @@ pub struct Rng {
     seed: u32,
     frame: u32,
     dimension: u32,
+    spare: UVec4,
+    spare_count: u32,
 }
 
 impl Rng {
     /// The stream of one pixel in one stage of one frame. Pixels are told apart up to 65,536 in each direction.
     #[inline]
     pub fn for_pixel(px: UVec2, frame: &Frame, stage: Stage) -> Self {
-        Self {
-            pixel: (px.x & 0xffff) | (px.y << 16),
-            seed: frame.seed,
-            frame: frame.index,
-            dimension: (stage as u32) << 24,
+        Self::from_words((px.x & 0xffff) | (px.y << 16), frame.seed, frame.index, (stage as u32) << 24)
+    }
+
+    /// The stream of one of a pixel's reservoirs; in a stage with rounds, of one round of the frame. Up to 256
+    /// reservoirs and 65,536 times four numbers.
+    #[inline]
+    pub fn for_reservoir(px: UVec2, reservoir: u32, frame: &Frame, stage: Stage) -> Self {
+        let dimension = ((stage as u32 + frame.round) << 24) | (reservoir << 16);
+        Self::from_words((px.x & 0xffff) | (px.y << 16), frame.seed, frame.index, dimension)
+    }
+
+    /// The stream of a frame's stage and round, the same for all pixels.
+    #[inline]
+    pub fn for_frame(frame: &Frame, stage: Stage) -> Self {
+        // Rows beyond 65,535 do not exist.
+        Self::from_words(0xffff_ffff, frame.seed, frame.index, (stage as u32 + frame.round) << 24)
+    }
+
+    /// The stream of a key of four words; the last counts up.
+    #[inline]
+    pub fn from_words(pixel: u32, seed: u32, frame: u32, dimension: u32) -> Self {
+        Self { pixel, seed, frame, dimension, spare: UVec4::ZERO, spare_count: 0 }
+    }
+
+    /// The stream from number `count` times four on.
+    #[inline]
+    pub fn skip(self, count: u32) -> Self {
+        Self { dimension: self.dimension.wrapping_add(count), ..self }
+    }
+
+    /// The next 32 uniform bits.
+    #[inline]
+    pub fn next_word(&mut self) -> u32 {
+        if self.spare_count == 0 {
+            let [x, y, z, w] = self.next_four();
+            self.spare = UVec4::new(x, y, z, w);
+            self.spare_count = 4;
         }
+        self.spare_count -= 1;
+        let word = self.spare.x;
+        self.spare = UVec4::new(self.spare.y, self.spare.z, self.spare.w, 0);
+        word
+    }
+
+    /// The next uniform number in `0..1`.
+    #[inline]
+    pub fn next_float(&mut self) -> f32 {
+        unit_float(self.next_word())
+    }
+
+    /// The next uniform number above 0 and up to 1.
+    #[inline]
+    pub fn next_positive_float(&mut self) -> f32 {
+        ((self.next_word() >> 8) + 1) as f32 * (1.0 / 16_777_216.0)
     }
 
     /// The next four numbers, 32 uniform bits each.

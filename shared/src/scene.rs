@@ -44,8 +44,13 @@ pub mod instance_record {
     pub const LIGHT_COUNT: u32 = 30;
     /// Number of the instance's first light among all lights.
     pub const FIRST_LIGHT: u32 = 31;
+    /// RGB factor on the emission of its materials.
+    pub const EMISSION_SCALE: u32 = 32;
+    /// The same instance in the other frame (before, for this frame's; this, for that before), or
+    /// [`super::NO_INSTANCE`].
+    pub const COUNTERPART: u32 = 35;
     /// Words in all.
-    pub const WORDS: u32 = 32;
+    pub const WORDS: u32 = 36;
 }
 
 /// What an instance says of itself, and which attributes its mesh has beside a material for each triangle.
@@ -84,6 +89,9 @@ pub mod material_record {
     /// Words in all.
     pub const WORDS: u32 = 16;
 }
+
+/// An instance without a counterpart in the other frame.
+pub const NO_INSTANCE: u32 = 0xffff_ffff;
 
 /// A material without that texture.
 pub const NO_TEXTURE: u32 = 0xffff_ffff;
@@ -282,6 +290,13 @@ impl Scene<'_> {
     #[inline(always)]
     pub fn material_rgb(&self, material: Material, field: u32) -> Vec3 {
         self.vector(material.at + field)
+    }
+
+    /// Emitted radiance of a material on an instance, before its texture.
+    #[inline(always)]
+    pub fn emission(&self, frame: &Frame, instance: u32, material: Material) -> Vec3 {
+        let scale = self.vector(self.instance_at(frame, instance) + instance_record::EMISSION_SCALE);
+        self.material_rgb(material, material_record::EMISSION) * scale
     }
 
     /// A number of a material.

@@ -46,6 +46,12 @@ impl Surface {
         self.instance & PRESENT == 0
     }
 
+    /// The instance that the surface is part of.
+    #[inline(always)]
+    pub fn instance(&self) -> u32 {
+        self.instance & !PRESENT
+    }
+
     /// World space, in scene units.
     #[inline(always)]
     pub fn position(&self) -> Vec3 {
@@ -104,7 +110,7 @@ pub fn surface_at<const TEXTURES: bool>(frame: &Frame, scene: &Scene, hit: &Hit,
     let triangle = scene.world_triangle(frame, hit.instance, hit.triangle);
     let material = scene.material_of(frame, hit.instance, hit.triangle);
     let mut base_color = scene.material_rgb(material, material_record::BASE_COLOR);
-    let mut emission = scene.material_rgb(material, material_record::EMISSION);
+    let mut emission = scene.emission(frame, hit.instance, material);
     if TEXTURES {
         let color_map = scene.material_word(material, material_record::BASE_COLOR_TEXTURE);
         let emission_map = scene.material_word(material, material_record::EMISSION_TEXTURE);

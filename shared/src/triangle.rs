@@ -122,6 +122,12 @@ pub fn square_to_triangle(u: f32, v: f32) -> (f32, f32) {
     }
 }
 
+/// The point of the unit square that [`square_to_triangle`] takes to these weights.
+#[inline(always)]
+pub fn triangle_to_square(b: f32, c: f32) -> (f32, f32) {
+    if c > b { (2.0 * b, b + c) } else { (b + c, 2.0 * c) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

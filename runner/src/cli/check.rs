@@ -4,12 +4,12 @@ use weir::{
     crosscheck::{Check, check},
     executor::gpu::{AdapterChoice, Gpu, Loader, Module},
     exit::Exit,
-    render::{Request, Stop, facts_of, frame_of},
-    technique::ToneCurve,
+    render::{Request, Stop, facts_of},
+    sequence::Sequence,
+    technique::{Technique, ToneCurve},
 };
-use weir_shared::frame::Frame;
 
-use super::{CheckArguments, open, print};
+use super::{CheckArguments, no_passes, open, print};
 
 /// Runs `weir check`.
 pub fn run(arguments: &CheckArguments) -> anyhow::Result<Exit> {
@@ -17,30 +17,41 @@ pub fn run(arguments: &CheckArguments) -> anyhow::Result<Exit> {
         Some(text) => text.parse()?,
         None => AdapterChoice::Best,
     };
-    let opened = open::open(&arguments.scene)?;
+    let mut opened = open::open(&arguments.scene)?;
     let gpu = Gpu::open(&choice)?;
-    let request = Request {
-        width: arguments.size.width,
-        height: arguments.size.height,
-        camera: opened.camera,
-        seed: arguments.seed,
-        stop: Stop::Samples(arguments.frames),
-        curve: ToneCurve::default(),
-        exposure: 1.0,
-        settings: opened.settings.clone(),
+    let techniques = match arguments.integrator {
+        Some(integrator) => vec![integrator.technique().ok_or_else(no_passes)?],
+        None => vec![Technique::Still, Technique::RealTime],
     };
-    let first = frame_of(&opened.packed, &request);
-    let frames: Vec<Frame> = (0..arguments.frames).map(|i| Frame { index: i, accumulated: i, ..first }).collect();
-    let facts = facts_of(&opened.packed, request.width, request.height);
-    let what = Check {
-        passes: weir_shader::PASSES,
-        facts: &facts,
-        curve: request.curve,
-        loader: if arguments.strict { Loader::Passthrough } else { Loader::Auto },
-        module: if arguments.strict { Module::Strict } else { Module::Plain },
-    };
-    let report = check(&gpu, &what, opened.packed.buffers(), &frames)?;
-    print(&format!("{}: {}\n{report}\n", opened.name, gpu.facts.name))?;
+    let mut equal = true;
+    for technique in techniques {
+        let request = Request {
+            width: arguments.size.width,
+            height: arguments.size.height,
+            camera: opened.camera,
+            seed: arguments.seed,
+            stop: Stop::Samples(arguments.frames),
+            curve: ToneCurve::default(),
+            exposure: 1.0,
+            technique,
+            settings: opened.settings.clone(),
+        };
+        let facts = facts_of(&opened.packed, request.width, request.height, &request.settings);
+        let what = Check {
+            passes: weir_shader::PASSES,
+            technique,
+            settings: &opened.settings,
+            facts: &facts,
+            curve: request.curve,
+            loader: if arguments.strict { Loader::Passthrough } else { Loader::Auto },
+            module: if arguments.strict { Module::Strict } else { Module::Plain },
+        };
+        let mut sequence = Sequence::new(&mut opened.packed, request);
+        let shots: Vec<_> = (0..arguments.frames).map(|i| sequence.shot(i)).collect();
+        let report = check(&gpu, &what, &mut sequence, &shots)?;
+        print(&format!("{}: {technique}: {}\n{report}\n", opened.name, gpu.facts.name))?;
+        equal &= report.is_equal();
+    }
     // The plain module is contracted and reassociated: its report informs, the strict one's decides.
-    Ok(if report.is_equal() || !arguments.strict { Exit::Ok } else { Exit::CheckFailed })
+    Ok(if equal || !arguments.strict { Exit::Ok } else { Exit::CheckFailed })
 }

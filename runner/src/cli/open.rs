@@ -28,6 +28,7 @@ pub fn read(arguments: &SceneArguments) -> anyhow::Result<(Scene, Settings)> {
     for assignment in &arguments.set {
         settings.apply(assignment)?;
     }
+    settings.check()?;
     let start = Instant::now();
     let built_in = builtin::find(&arguments.scene).filter(|_| !Path::new(&arguments.scene).is_file());
     let mut scene = if let Some(built_in) = built_in {

@@ -15,7 +15,8 @@ use weir::{
     },
     exit::{Exit, Usage},
     output::{Destination, Layers, atomic, exr, png},
-    render::{Backend, Rendered, Request, Stop, camera_matrices, layers, render, render_reference},
+    render::{Backend, Rendered, Request, Stop, camera_matrices, layers, render, render_real_time, render_reference},
+    technique::Technique,
 };
 
 use super::{Arguments, BackendArguments, BackendChoice, Command, Integrator, RenderArguments, open, stop_of};
@@ -77,7 +78,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
     if arguments.backend.threads > 0 {
         rayon::ThreadPoolBuilder::new().num_threads(arguments.backend.threads.min(1024)).build_global()?;
     }
-    let opened = open::open(&arguments.scene)?;
+    let mut opened = open::open(&arguments.scene)?;
     let request = Request {
         width: arguments.size.width,
         height: arguments.size.height,
@@ -86,6 +87,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
         stop,
         curve: arguments.tone,
         exposure: arguments.exposure,
+        technique: arguments.integrator.technique().unwrap_or(Technique::Candidates),
         settings: opened.settings.clone(),
     };
     let bar = progress_bar(stop);
@@ -98,14 +100,18 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
     };
     let gpu = if arguments.integrator == Integrator::Reference { None } else { choose_gpu(&arguments.backend)? };
     let adapter = gpu.as_ref().map_or_else(|| String::from("CPU"), |gpu| gpu.facts.name.clone());
-    let rendered = match (&gpu, arguments.integrator) {
-        (_, Integrator::Reference) => render_reference(&opened.packed, &request, tell)?,
-        (None, _) => render(&opened.packed, &request, &Backend::Cpu(Order::default()), tell)?,
-        (Some(gpu), _) => match (render(&opened.packed, &request, &Backend::Gpu(gpu), tell), arguments.backend.backend)
-        {
+    let mut draw = |backend: &Backend<'_>| match arguments.integrator {
+        Integrator::Reference => render_reference(&opened.packed, &request, tell),
+        Integrator::RestirTemporal => render_real_time(&mut opened.packed, &request, backend, tell),
+        Integrator::Restir | Integrator::Ris => render(&opened.packed, &request, backend, tell),
+    };
+    let on_cpu = Backend::Cpu(Order::default());
+    let rendered = match &gpu {
+        None => draw(&on_cpu)?,
+        Some(gpu) => match (draw(&Backend::Gpu(gpu)), arguments.backend.backend) {
             (Err(weir::render::RenderError::Gpu(error)), BackendChoice::Auto) => {
                 tracing::warn!("{error}; rendering on the CPU");
-                render(&opened.packed, &request, &Backend::Cpu(Order::default()), tell)?
+                draw(&on_cpu)?
             }
             (result, _) => result?,
         },
@@ -176,10 +182,7 @@ fn write_exr(
         "integrator": format!("{:?}", arguments.integrator).to_lowercase(),
         "lambert": arguments.scene.lambert,
         "flat": arguments.scene.flat,
-        "candidates.count": request.settings.candidates,
-        "candidates.source": if request.settings.pick_by_power { "power" } else { "uniform" },
-        "path.length": request.settings.path_length,
-        "scene.time": request.settings.time_s,
+        "knobs": request.settings.describe().into_iter().collect::<std::collections::BTreeMap<_, _>>(),
     });
     let metadata = exr::Metadata {
         render_time_s: Some(rendered.elapsed.as_secs_f32()),

@@ -2,7 +2,6 @@
 
 use std::fmt;
 
-use weir_shader::wiring::{Access, Binding};
 use weir_shared::frame::Frame;
 
 use crate::{
@@ -81,10 +80,7 @@ impl Report {
             largest_relative: 0.0,
             first: None,
         };
-        let rows = plan.steps.iter().flat_map(|step| {
-            let written = step.pass.bindings.iter().filter(|b| b.access == Access::Write);
-            written.map(move |b| row(step.pass.name, b.name))
-        });
+        let rows = plan.steps.iter().flat_map(|step| step.writes().map(move |(name, _)| row(step.pass.name, name)));
         Self { adapter: gpu.facts.name.clone(), module, loader, frames: 0, rows: rows.collect() }
     }
 
@@ -97,16 +93,18 @@ impl Report {
     pub(super) fn compare(
         &mut self,
         pass: &'static str,
-        binding: &Binding,
+        (buffer, stride): (&'static str, usize),
         floats: u32,
         frame: &Frame,
         gpu: &[u32],
         host: &[u32],
     ) {
-        let Some(row) = self.rows.iter_mut().find(|row| row.pass == pass && row.buffer == binding.name) else {
+        let Some(row) = self.rows.iter_mut().find(|row| row.pass == pass && row.buffer == buffer) else {
             return;
         };
-        let words = binding.stride / 4;
+        let words = stride / 4;
+        // Rows of pixels, or of one reservoir of each pixel of a row.
+        let rows = (host.len() / words) as u32 / frame.width;
         row.words += host.len() as u64;
         row.pixels += (host.len() / words) as u64;
         for (i, (on_gpu, on_host)) in gpu.chunks_exact(words).zip(host.chunks_exact(words)).enumerate() {
@@ -118,7 +116,7 @@ impl Report {
             for (word, (&gpu, &host)) in on_gpu.iter().zip(on_host).enumerate().filter(|(_, (g, h))| g != h) {
                 row.differing_words += 1;
                 let float = floats >> word & 1 == 1;
-                let pixel = [i as u32 % frame.width, i as u32 / frame.width];
+                let pixel = [i as u32 % frame.width, i as u32 / frame.width * frame.height / rows];
                 row.first.get_or_insert(Difference { frame: frame.index, pixel, word, float, gpu, host });
                 if float {
                     let (absolute, relative) = distance(f32::from_bits(gpu), f32::from_bits(host));

@@ -6,8 +6,8 @@ use std::{
 };
 
 use rayon::prelude::*;
-use weir_shader::wiring::{Access, Band, Buffers};
-use weir_shared::frame::Frame;
+use weir_shader::wiring::{Access, Band, Buffers, Extent};
+use weir_shared::frame::FramePair;
 
 use super::{AlignedBytes, SceneBuffers};
 use crate::graph::{Plan, Planned, Slot};
@@ -71,13 +71,13 @@ impl CpuExecutor {
     }
 
     /// Runs one frame; returns the time of each step.
-    pub fn run(&mut self, plan: &Plan, scene: SceneBuffers<'_>, frame: &Frame) -> Vec<(&'static str, Duration)> {
+    pub fn run(&mut self, plan: &Plan, scene: SceneBuffers<'_>, frames: &FramePair) -> Vec<(&'static str, Duration)> {
         let times = plan
             .steps
             .iter()
             .map(|step| {
                 let start = Instant::now();
-                self.run_step(step, scene, frame);
+                self.run_step(step, scene, frames);
                 (step.pass.name, start.elapsed())
             })
             .collect();
@@ -85,7 +85,7 @@ impl CpuExecutor {
         times
     }
 
-    fn run_step(&mut self, step: &Planned, scene: SceneBuffers<'_>, frame: &Frame) {
+    fn run_step(&mut self, step: &Planned, scene: SceneBuffers<'_>, frames: &FramePair) {
         // Outputs leave the map while the step runs, so that inputs can be borrowed from it.
         let mut outputs: Vec<(Place, AlignedBytes)> = step
             .slots
@@ -108,10 +108,8 @@ impl CpuExecutor {
                     .bytes(),
             })
             .collect();
-        let strides: Vec<usize> =
-            step.pass.bindings.iter().filter(|b| b.access == Access::Write).map(|b| b.stride).collect();
         let slices = outputs.iter_mut().map(|(_, buffer)| buffer.bytes_mut()).collect();
-        run_kernel(step, frame, self.order, &inputs, slices, &strides);
+        run_kernel(step, frames, self.order, &inputs, slices);
         self.buffers.extend(outputs);
     }
 
@@ -125,28 +123,24 @@ impl CpuExecutor {
 }
 
 /// Runs one pass over all pixels, with inputs and outputs in the order of its bindings.
-pub fn run_kernel(
-    step: &Planned,
-    frame: &Frame,
-    order: Order,
-    inputs: &[&[u8]],
-    outputs: Vec<&mut [u8]>,
-    strides: &[usize],
-) {
+pub fn run_kernel(step: &Planned, frames: &FramePair, order: Order, inputs: &[&[u8]], outputs: Vec<&mut [u8]>) {
+    let frames = step.frames(frames);
+    let frame = &frames.now;
     let rows = order.band_rows.max(1);
+    let per_pixel = if step.pass.extent == Extent::Pixels { 1 } else { frame.reservoirs as usize };
     // Each band gets its own rows of every output.
     let bands = frame.height.div_ceil(rows) as usize;
     let mut parts: Vec<Vec<&mut [u8]>> = (0..bands).map(|_| Vec::new()).collect();
-    for (output, stride) in outputs.into_iter().zip(strides) {
-        let bytes = stride * frame.width as usize * rows as usize;
-        let used = stride * frame.width as usize * frame.height as usize;
-        for (part, chunk) in parts.iter_mut().zip(output[..used].chunks_mut(bytes)) {
+    for (output, (_, stride)) in outputs.into_iter().zip(step.writes()) {
+        let row_bytes = stride * per_pixel * frame.width as usize;
+        let used = row_bytes * frame.height as usize;
+        for (part, chunk) in parts.iter_mut().zip(output[..used].chunks_mut(row_bytes * rows as usize)) {
             part.push(chunk);
         }
     }
     parts.into_par_iter().enumerate().for_each(|(i, mut writes)| {
         let first_row = i as u32 * rows;
         let band = Band { first_row, rows: rows.min(frame.height - first_row), backwards: order.backwards };
-        (step.variant.run)(frame, band, Buffers::new(inputs, &mut writes));
+        (step.variant.run)(&frames, band, Buffers::new(inputs, &mut writes));
     });
 }

@@ -10,7 +10,8 @@ mod timing;
 
 use std::{collections::VecDeque, time::Duration};
 
-use weir_shared::frame::Frame;
+use weir_shader::wiring::Extent;
+use weir_shared::frame::FramePair;
 
 pub use adapter::{AdapterChoice, AdapterFacts, Gpu, adapters, instance};
 pub use error::GpuError;
@@ -71,7 +72,7 @@ impl GpuExecutor {
             .guarded(|| {
                 gpu.device.create_buffer(&wgpu::BufferDescriptor {
                     label: Some("frame"),
-                    size: size_of::<Frame>() as u64,
+                    size: pipelines::uniform_stride(gpu) * u64::from(plan.rounds()),
                     usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
                     mapped_at_creation: false,
                 })
@@ -101,8 +102,8 @@ impl GpuExecutor {
     ///
     /// # Errors
     /// If the frame is not of the plan's size, or if the device fails; an earlier frame's failure can show here.
-    pub fn run(&mut self, frame: &Frame) -> Result<(), GpuError> {
-        let [frame_size, plan_size] = [[frame.width, frame.height], [self.plan.facts.width, self.plan.facts.height]];
+    pub fn run(&mut self, frames: &FramePair) -> Result<(), GpuError> {
+        let [frame_size, plan_size] = [[frames.now.width, frames.now.height], [self.plan.facts.width, self.plan.facts.height]];
         if frame_size != plan_size {
             return Err(GpuError::FrameSize { frame: frame_size, plan: plan_size });
         }
@@ -112,7 +113,12 @@ impl GpuExecutor {
         let timer = self.frames % FRAMES_IN_FLIGHT;
         let commands = self.record(self.timers.get(timer));
         // In the queue's order: frames in flight still see their own.
-        self.gpu.queue.write_buffer(&self.uniform, 0, bytemuck::bytes_of(frame));
+        for round in 0..self.plan.rounds() {
+            let mut copy = *frames;
+            copy.now.round = round;
+            let at = u64::from(round) * pipelines::uniform_stride(&self.gpu);
+            self.gpu.queue.write_buffer(&self.uniform, at, bytemuck::bytes_of(&copy));
+        }
         self.in_flight.push_back(self.gpu.queue.submit([commands]));
         if let Some(timer) = self.timers.get_mut(timer) {
             timer.request();
@@ -132,7 +138,8 @@ impl GpuExecutor {
             });
             pass.set_pipeline(&step.pipeline);
             pass.set_bind_group(0, &step.bind_groups[self.frames & 1], &[]);
-            pass.dispatch_workgroups(groups(self.plan.facts.width), groups(self.plan.facts.height), 1);
+            let deep = if step.extent == Extent::Pixels { 1 } else { self.plan.facts.reservoirs };
+            pass.dispatch_workgroups(groups(self.plan.facts.width), groups(self.plan.facts.height), deep);
         }
         if let Some(timer) = timer {
             timer.resolve(&mut encoder);

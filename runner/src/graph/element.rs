@@ -39,7 +39,7 @@ impl Element for Surface {
 }
 
 impl Element for Reservoir {
-    const FLOAT_WORDS: u32 = words(offset_of!(Self, ucw), 1) | words(offset_of!(Self, confidence), 1);
+    const FLOAT_WORDS: u32 = words(offset_of!(Self, ucw), 1);
 }
 
 impl Element for Moments {

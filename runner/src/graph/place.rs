@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use weir_shader::wiring::Access;
 
-use super::{Culled, Facts, History, Life, Live, Plan, Planned, Resource, Slot};
+use super::{Culled, Facts, History, Life, Live, Plan, Planned, Resource, Slot, Use};
 
 /// First and last step that uses a transient.
 #[derive(Clone, Copy)]
@@ -21,18 +21,26 @@ pub(super) fn place(
     facts: &Facts,
     outputs: &[&'static str],
 ) -> Plan {
-    let pixels = u64::from(facts.width) * u64::from(facts.height);
     let find = |name: &str| resources.iter().find(|r| r.name == name).expect("names were checked");
-    let written: BTreeSet<&str> = live
+    let written: BTreeSet<&str> = live.iter().flat_map(|l| l.resolved.names(Access::Write)).collect();
+
+    // History that nobody asks for is a transient like others.
+    let remembered: BTreeSet<&str> = live
         .iter()
-        .flat_map(|l| l.pass.bindings.iter().filter(|b| b.access == Access::Write).map(|b| b.name))
+        .flat_map(|l| l.resolved.uses.iter().filter(|u| u.previous && written.contains(u.resource.name)))
+        .map(|u| u.resource.name)
         .collect();
+    let is_transient = |r: &Resource| match r.life {
+        Life::Scene => false,
+        Life::Transient => true,
+        Life::History => !remembered.contains(r.name),
+    };
 
     let mut spans: BTreeMap<&'static str, Span> = BTreeMap::new();
     for (i, step) in live.iter().enumerate() {
-        for binding in step.pass.bindings.iter().filter(|b| written.contains(b.name)) {
-            if find(binding.name).life == Life::Transient {
-                spans.entry(binding.name).or_insert(Span { first: i, last: i }).last = i;
+        for Use { resource, .. } in step.resolved.uses.iter().filter(|u| written.contains(u.resource.name)) {
+            if is_transient(resource) {
+                spans.entry(resource.name).or_insert(Span { first: i, last: i }).last = i;
             }
         }
     }
@@ -48,7 +56,7 @@ pub(super) fn place(
     let mut order: Vec<_> = spans.iter().collect();
     order.sort_by_key(|(name, span)| (span.first, **name));
     for (name, span) in order {
-        let bytes = find(name).stride as u64 * pixels;
+        let bytes = find(name).bytes(facts);
         let index = match pool.iter().position(|&(_, busy_until)| busy_until < span.first) {
             Some(index) => index,
             None => {
@@ -62,37 +70,37 @@ pub(super) fn place(
 
     let history: Vec<History> = resources
         .iter()
-        .filter(|r| r.life == Life::History && written.contains(r.name))
-        .map(|r| History { name: r.name, bytes: r.stride as u64 * pixels })
+        .filter(|r| remembered.contains(r.name))
+        .map(|r| History { name: r.name, bytes: r.bytes(facts) })
         .collect();
     let doubled = |name: &str| history.iter().position(|h| h.name == name);
 
     let mut zero_bytes = 0;
-    let mut slot = |name: &'static str| {
-        let (base, previous) = match name.strip_prefix("prev_") {
-            Some(base) => (base, true),
-            None => (name, false),
-        };
-        let resource = find(base);
+    let mut slot = |resource: &Resource, previous: bool| {
         let found = match resource.life {
             Life::Scene => Some(Slot::Scene(resource.name)),
-            Life::History => doubled(base).map(|i| if previous { Slot::Previous(i) } else { Slot::Current(i) }),
-            Life::Transient => pool_of.get(base).map(|&i| Slot::Pool(i)),
+            Life::History if !is_transient(resource) => {
+                doubled(resource.name).map(|i| if previous { Slot::Previous(i) } else { Slot::Current(i) })
+            }
+            Life::Transient | Life::History if !previous => pool_of.get(resource.name).map(|&i| Slot::Pool(i)),
+            Life::Transient | Life::History => None,
         };
         found.unwrap_or_else(|| {
-            zero_bytes = zero_bytes.max(resource.stride as u64 * pixels);
+            zero_bytes = zero_bytes.max(resource.bytes(facts));
             Slot::Zero
         })
     };
     let steps = live
         .iter()
         .map(|l| Planned {
-            pass: l.pass,
+            pass: l.resolved.pass,
             variant: l.variant,
-            slots: l.pass.bindings.iter().map(|b| (b.access, slot(b.name))).collect(),
+            slots: l.resolved.uses.iter().map(|u| (u.access, slot(&u.resource, u.previous))).collect(),
+            names: l.resolved.uses.iter().map(|u| u.name).collect(),
+            round: l.round,
         })
         .collect();
-    let outputs = outputs.iter().map(|&name| (name, slot(name))).collect();
+    let outputs = outputs.iter().map(|&name| (name, slot(find(name), false))).collect();
     let pool = pool.into_iter().map(|(bytes, _)| bytes).collect();
     Plan { steps, culled, history, pool, zero_bytes, outputs, facts: facts.clone() }
 }

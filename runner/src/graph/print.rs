@@ -18,6 +18,9 @@ impl Display for Slot {
     }
 }
 
+/// Storage buffers that every WebGPU device lets a pass bind.
+const PORTABLE_BUFFERS: usize = 8;
+
 fn mebibytes(bytes: u64) -> f64 {
     bytes as f64 / f64::from(1 << 20)
 }
@@ -27,10 +30,14 @@ impl Display for Plan {
     fn fmt(&self, f: &mut Formatter<'_>) -> Result {
         writeln!(f, "{}x{} pixels", self.facts.width, self.facts.height)?;
         for (i, step) in self.steps.iter().enumerate() {
-            writeln!(f, "{:>2}. {:<18} {}", i + 1, step.pass.name, step.variant.entry_point)?;
-            for (binding, (access, slot)) in step.pass.bindings.iter().zip(&step.slots) {
+            let round = if step.round > 0 { format!(" (round {})", step.round + 1) } else { String::new() };
+            writeln!(f, "{:>2}. {:<18} {}{round}", i + 1, step.pass.name, step.variant.entry_point)?;
+            for ((binding, name), (access, slot)) in step.pass.bindings.iter().zip(&step.names).zip(&step.slots) {
                 let arrow = if *access == Access::Read { "reads " } else { "writes" };
-                writeln!(f, "      {arrow} {:<14} {:>3} B  {slot}", binding.name, binding.stride)?;
+                writeln!(f, "      {arrow} {name:<18} {:>3} B  {slot}", binding.stride)?;
+            }
+            if step.pass.bindings.len() > PORTABLE_BUFFERS {
+                writeln!(f, "      binds {} buffers; WebGPU promises {PORTABLE_BUFFERS}", step.pass.bindings.len())?;
             }
         }
         for (pass, reason) in &self.culled {
@@ -54,10 +61,12 @@ impl Plan {
     pub fn to_dot(&self) -> String {
         let mut dot = String::from("digraph frame {\n  rankdir=LR;\n");
         for step in &self.steps {
-            let pass = step.pass.name;
+            let pass = match step.round {
+                0 => step.pass.name.to_owned(),
+                round => format!("{} {}", step.pass.name, round + 1),
+            };
             let _ = writeln!(dot, "  \"pass {pass}\" [shape=box, label=\"{pass}\"];");
-            for (binding, (access, slot)) in step.pass.bindings.iter().zip(&step.slots) {
-                let name = binding.name;
+            for (name, (access, slot)) in step.names.iter().zip(&step.slots) {
                 let _ = writeln!(dot, "  \"{name}\" [label=\"{name}\\n{slot}\"];");
                 let _ = match access {
                     Access::Read => writeln!(dot, "  \"{name}\" -> \"pass {pass}\";"),

@@ -124,7 +124,7 @@ fn instances_are_found_where_they_stand_and_mirrored_lights_keep_their_front() {
     // Light ids go through the emitters to an emissive triangle of the right instance, mirrored or not.
     let (view, frame) = (view(&packed), packed.frame);
     for id in 0..frame.light_count {
-        let (instance, triangle) = light::triangle_of(&frame, &view, id);
+        let light::Place { instance, triangle } = light::find(&frame, &view, id);
         assert_eq!(instance, id / 30);
         assert_eq!(packed.records[packed.records_attribute(instance, triangle)], 1);
         let world = view.world_triangle(&frame, instance, triangle);

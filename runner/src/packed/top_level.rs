@@ -1,15 +1,18 @@
 //! The top level: where the instances are at a moment, and an acceleration structure over them.
 
+use std::collections::HashMap;
+
 use glam::{Mat4, UVec4, Vec3};
 use obvhs::aabb::Aabb;
 
-use super::{PackError, tree};
+use super::{PackError, moment::Moment, tree};
 use crate::scene::{Instance, Motion};
 
-/// Instances with the bounds of their meshes.
+/// The instances of a scene, and the bounds of its meshes in object space.
 pub(super) struct TopLevel {
-    instances: Vec<(Instance, [Vec3; 2])>,
-    /// Row of `bvh` where the nodes start.
+    instances: Vec<Instance>,
+    bounds: Vec<[Vec3; 2]>,
+    /// Row of `bvh` where the nodes of the first block start.
     pub(super) first_row: usize,
 }
 
@@ -24,37 +27,65 @@ pub(super) struct Placed {
 }
 
 impl TopLevel {
-    pub(super) fn new(instances: Vec<(Instance, [Vec3; 2])>, first_row: usize) -> Self {
-        Self { instances, first_row }
+    pub(super) fn new(instances: Vec<Instance>, bounds: Vec<[Vec3; 2]>, first_row: usize) -> Self {
+        Self { instances, bounds, first_row }
+    }
+
+    /// Number of instances, with and without triangles.
+    pub(super) fn len(&self) -> usize {
+        self.instances.len()
+    }
+
+    /// The mesh of an instance.
+    pub(super) fn mesh(&self, instance: u32) -> u32 {
+        self.instances[instance as usize].mesh
+    }
+
+    /// Whether there is such an instance, and anything of it to see.
+    pub(super) fn has_triangles(&self, instance: u32) -> bool {
+        let mesh = self.instances.get(instance as usize).map(|i| i.mesh as usize);
+        // The bounds of nothing are inside out.
+        mesh.is_some_and(|mesh| self.bounds[mesh][0].x <= self.bounds[mesh][1].x)
+    }
+
+    fn visible(&self) -> impl Iterator<Item = &Instance> {
+        (0..self.len() as u32).filter(|&i| self.has_triangles(i)).map(|i| &self.instances[i as usize])
     }
 
     /// Whether any instance moves.
     pub(super) fn moves(&self) -> bool {
-        self.instances.iter().any(|(i, _)| i.motion != Motion::Still)
+        self.visible().any(|i| i.motion != Motion::Still)
     }
 
     /// Whether the only instance is in place, so that its mesh is the world.
     pub(super) fn is_trivial(&self) -> bool {
-        match self.instances.as_slice() {
-            [(only, _)] => only.motion == Motion::Still && only.world_from_object == Mat4::IDENTITY,
-            other => other.is_empty(),
+        let mut visible = self.visible();
+        match (visible.next(), visible.next()) {
+            (Some(only), None) => only.motion == Motion::Still && only.world_from_object == Mat4::IDENTITY,
+            (first, _) => first.is_none(),
         }
     }
 
-    /// Rows that the nodes never exceed: a tree over n leaves has at most n inner nodes.
+    /// Rows that the nodes of one moment never exceed: a tree over n leaves has at most n inner nodes.
     pub(super) fn capacity_rows(&self) -> usize {
         self.instances.len().max(1) * 5
     }
 
-    pub(super) fn place(&self, time_s: f32) -> Result<Placed, PackError> {
-        let mut transforms = Vec::with_capacity(self.instances.len());
-        let mut boxes = Vec::with_capacity(self.instances.len());
+    /// Places the instances `drawn`, by the moment's transform where it has one.
+    pub(super) fn place(&self, moment: &Moment, drawn: &[u32]) -> Result<Placed, PackError> {
+        let time_s = moment.time_s;
+        let placed_at: HashMap<u32, Mat4> = moment.placed.iter().copied().collect();
+        let mut transforms = Vec::with_capacity(drawn.len());
+        let mut boxes = Vec::with_capacity(drawn.len());
         let mut bounds = [Vec3::splat(f32::INFINITY), Vec3::splat(f32::NEG_INFINITY)];
-        for (i, (instance, [lower, upper])) in self.instances.iter().enumerate() {
-            let world_from_object = instance.world_from_object_at(time_s);
+        for &i in drawn {
+            let instance = &self.instances[i as usize];
+            let [lower, upper] = self.bounds[instance.mesh as usize];
+            let own = || instance.world_from_object_at(time_s);
+            let world_from_object = placed_at.get(&i).copied().unwrap_or_else(own);
             let object_from_world = world_from_object.inverse();
             if !object_from_world.is_finite() || world_from_object.determinant() == 0.0 {
-                return Err(PackError::Singular { instance: i, time_s });
+                return Err(PackError::Singular { instance: i as usize, time_s });
             }
             transforms.push((world_from_object, object_from_world));
             let corners = (0..8).map(|corner| {

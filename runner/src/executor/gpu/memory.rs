@@ -87,9 +87,9 @@ impl Memory {
 
 /// The resource that sets the size of a pool's buffer.
 fn largest_in(plan: &Plan, pool: usize) -> &'static str {
-    let bindings = plan.steps.iter().flat_map(|s| s.pass.bindings.iter().zip(&s.slots));
+    let bindings = plan.steps.iter().flat_map(|s| s.names.iter().zip(&s.slots));
     let inside = bindings.filter(|(_, slot)| **slot == (Access::Write, Slot::Pool(pool)));
-    inside.max_by_key(|(binding, _)| binding.stride).map_or("pool", |(binding, _)| binding.name)
+    inside.max_by_key(|(name, _)| plan.output_bytes(name)).map_or("pool", |(name, _)| name)
 }
 
 fn fits(gpu: &Gpu, buffer: &str, bytes: u64, remedy: &'static str) -> Result<(), GpuError> {

@@ -2,14 +2,20 @@
 
 use std::borrow::Cow;
 
-use weir_shader::wiring::{Access, Pass};
-use weir_shared::frame::Frame;
+use weir_shader::wiring::{Access, Extent, Pass};
+use weir_shared::frame::FramePair;
 
 use super::{Gpu, GpuError, memory::Memory};
 use crate::graph::{Plan, Planned};
 
 /// Pixels in a row and in a column of a workgroup; entry points say the same.
 pub(super) const WORKGROUP: u32 = 8;
+
+/// Bytes from the uniform of one round to that of the next.
+pub(super) fn uniform_stride(gpu: &Gpu) -> u64 {
+    let alignment = u64::from(gpu.device.limits().min_uniform_buffer_offset_alignment);
+    (size_of::<FramePair>() as u64).next_multiple_of(alignment)
+}
 
 /// How SPIR-V reaches the driver.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -36,6 +42,7 @@ pub enum Module {
 /// A step, ready to run.
 pub(super) struct Compiled {
     pub(super) pass: &'static str,
+    pub(super) extent: Extent,
     pub(super) pipeline: wgpu::ComputePipeline,
     /// For frames of even and of odd number: the halves of history swap.
     pub(super) bind_groups: [wgpu::BindGroup; 2],
@@ -140,11 +147,16 @@ fn compile_step(
         cache: None,
     });
     let bind_groups = [0, 1].map(|parity| {
-        let buffers = step.slots.iter().map(|&(_, slot)| memory.buffer(slot, parity));
-        let entries: Vec<_> = std::iter::once(uniform)
+        let frames = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+            buffer: uniform,
+            offset: u64::from(step.round) * uniform_stride(gpu),
+            size: wgpu::BufferSize::new(size_of::<FramePair>() as u64),
+        });
+        let buffers = step.slots.iter().map(|&(_, slot)| memory.buffer(slot, parity).as_entire_binding());
+        let entries: Vec<_> = std::iter::once(frames)
             .chain(buffers)
             .zip(0..)
-            .map(|(buffer, binding)| wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+            .map(|(resource, binding)| wgpu::BindGroupEntry { binding, resource })
             .collect();
         gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: Some(pass),
@@ -152,7 +164,7 @@ fn compile_step(
             entries: &entries,
         })
     });
-    Compiled { pass, pipeline, bind_groups }
+    Compiled { pass, extent: step.pass.extent, pipeline, bind_groups }
 }
 
 /// The frame at binding 0, then the buffers of the pass; explicit, because a passthrough module implies none.
@@ -172,6 +184,6 @@ fn layout(gpu: &Gpu, pass: &Pass) -> wgpu::BindGroupLayout {
         entry(number, wgpu::BufferBindingType::Storage { read_only }, binding.stride)
     });
     let entries: Vec<_> =
-        std::iter::once(entry(0, wgpu::BufferBindingType::Uniform, size_of::<Frame>())).chain(storage).collect();
+        std::iter::once(entry(0, wgpu::BufferBindingType::Uniform, size_of::<FramePair>())).chain(storage).collect();
     gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(pass.name), entries: &entries })
 }

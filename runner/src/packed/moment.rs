@@ -1,0 +1,233 @@
+//! What of a scene changes from frame to frame: instances, where they are, and how they emit.
+//!
+//! All of it lies in two blocks of each buffer, one for the frame that is computed and one for the frame before it, which
+//! reuse in time asks about. The blocks take turns.
+
+use std::collections::HashMap;
+
+use glam::{Mat4, Vec3};
+use weir_shared::{
+    alias,
+    scene::{NO_INSTANCE, attribute_flags, emitter_record, instance_record},
+};
+
+use super::{Changed, PackError, PackedScene, geometry::PackedMesh, top_level::TopLevel};
+use crate::scene::Scene;
+
+/// What the scene shows at one moment.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Moment {
+    /// Time in seconds, for the motions of the scene.
+    pub time_s: f32,
+    /// Instances that are drawn, in the order of their lights; all of them if `None`.
+    pub drawn: Option<Vec<u32>>,
+    /// Instances with an RGB factor on their emission.
+    pub emission: Vec<(u32, Vec3)>,
+    /// Instances with a transform in place of that of the scene.
+    pub placed: Vec<(u32, Mat4)>,
+}
+
+/// Where a mesh is in each buffer, and what it emits.
+pub(super) struct MeshStart {
+    pub(super) root: u32,
+    pub(super) first_triangle: u32,
+    pub(super) attributes_at: u32,
+    pub(super) flags: u32,
+    pub(super) light_list_at: u32,
+    pub(super) light_table_at: u32,
+    pub(super) light_count: u32,
+    pub(super) power: f64,
+}
+
+/// Most that a block can hold.
+#[derive(Clone, Copy)]
+pub(super) struct Capacity {
+    instances: usize,
+    emitters: usize,
+}
+
+impl Capacity {
+    pub(super) fn of(scene: &Scene, meshes: &[PackedMesh]) -> Result<Self, PackError> {
+        let drawn = || scene.instances.iter().map(|i| &meshes[i.mesh as usize]).filter(|m| !m.triangles.is_empty());
+        let lights: u64 = drawn().map(|m| m.lights.len() as u64).sum();
+        if lights > u64::from(weir_shared::light::ENVIRONMENT_BIT - 1) {
+            return Err(PackError::TooManyLights(lights));
+        }
+        Ok(Self { instances: drawn().count(), emitters: drawn().filter(|m| !m.lights.is_empty()).count() })
+    }
+
+    /// Words of a block of `records`: instances, their order in the top level, emitters.
+    pub(super) fn record_words(&self) -> usize {
+        self.instances * (instance_record::WORDS as usize + 1) + self.emitters * emitter_record::WORDS as usize
+    }
+
+    /// Words of the table over emitters, of which there is one: the frame before is not sampled.
+    pub(super) fn table_words(&self) -> usize {
+        self.emitters * alias::ENTRY_WORDS as usize
+    }
+}
+
+/// The state behind the blocks.
+pub(super) struct Dynamics {
+    pub(super) top: TopLevel,
+    starts: Vec<MeshStart>,
+    capacity: Capacity,
+    /// Which block is this frame's.
+    half: usize,
+    /// What it shows; nothing before the first.
+    shown: Option<Moment>,
+    /// The scene's instance behind each of its own.
+    drawn: Vec<u32>,
+    pub(super) is_dynamic: bool,
+    pub(super) has_lights: bool,
+}
+
+impl Dynamics {
+    pub(super) fn new(
+        top: TopLevel,
+        starts: Vec<MeshStart>,
+        capacity: Capacity,
+        is_dynamic: bool,
+        has_lights: bool,
+    ) -> Self {
+        Self { top, starts, capacity, half: 1, shown: None, drawn: Vec::new(), is_dynamic, has_lights }
+    }
+
+    /// The instances of a moment, those without triangles left out.
+    fn drawn_at(&self, moment: &Moment) -> Result<Vec<u32>, PackError> {
+        let Some(asked) = &moment.drawn else {
+            return Ok((0..self.top.len() as u32).filter(|&i| self.top.has_triangles(i)).collect());
+        };
+        let mut seen = vec![false; self.top.len()];
+        for &i in asked {
+            if !self.top.has_triangles(i) || std::mem::replace(&mut seen[i as usize], true) {
+                return Err(PackError::NoInstance(i));
+            }
+        }
+        Ok(asked.clone())
+    }
+}
+
+impl PackedScene {
+    /// Goes on to another moment; returns what has changed, nothing if that is the moment shown already. What was shown
+    /// before stays in the other block, where the uniform of the frame before finds it.
+    ///
+    /// # Errors
+    /// If an instance does not exist, is drawn twice or has a transform without an inverse.
+    pub fn advance(&mut self, moment: &Moment) -> Result<Vec<Changed>, PackError> {
+        let same = self.dynamics.shown.as_ref().is_some_and(|shown| {
+            shown == moment
+                || (!self.moves() && Moment { time_s: moment.time_s, ..shown.clone() } == *moment)
+        });
+        if same {
+            return Ok(Vec::new());
+        }
+        self.show(moment)?;
+        let (records, rows) = (self.dynamics.capacity.record_words() * 4, self.dynamics.top.capacity_rows() * 16);
+        let first_node = self.dynamics.top.first_row * 16 + self.dynamics.half * rows;
+        Ok(vec![
+            // Both blocks: each knows its counterparts in the other.
+            Changed { buffer: "records", range: 0..2 * records },
+            Changed { buffer: "bvh", range: first_node..first_node + rows },
+            Changed { buffer: "lights", range: 0..self.dynamics.capacity.table_words() * 4 },
+        ])
+    }
+
+    /// Fills the block that is not in use, and makes it this frame's.
+    pub(super) fn show(&mut self, moment: &Moment) -> Result<(), PackError> {
+        let drawn = self.dynamics.drawn_at(moment)?;
+        let placed = self.dynamics.top.place(moment, &drawn)?;
+        let half = self.dynamics.half ^ 1;
+        let capacity = self.dynamics.capacity;
+        let block = half * capacity.record_words();
+        let words = instance_record::WORDS as usize;
+
+        let emission_of: HashMap<u32, Vec3> = moment.emission.iter().copied().collect();
+        let mut first_light = 0;
+        let (mut emitters, mut weights) = (Vec::new(), Vec::new());
+        for (slot, (&instance, (world_from_object, object_from_world))) in
+            drawn.iter().zip(&placed.transforms).enumerate()
+        {
+            let start = &self.dynamics.starts[self.dynamics.top.mesh(instance) as usize];
+            let emission = emission_of.get(&instance).copied().unwrap_or(Vec3::ONE);
+            let determinant = world_from_object.determinant();
+            let mirrored = if determinant < 0.0 { attribute_flags::MIRRORED } else { 0 };
+            let record = &mut self.records[block + slot * words..][..words];
+            write_rows(&mut record[instance_record::WORLD_FROM_OBJECT as usize..][..12], world_from_object);
+            write_rows(&mut record[instance_record::OBJECT_FROM_WORLD as usize..][..12], object_from_world);
+            record[instance_record::ROOT as usize..][..8].copy_from_slice(&[
+                start.root,
+                start.first_triangle,
+                start.attributes_at,
+                start.flags | mirrored,
+                start.light_list_at,
+                start.light_table_at,
+                start.light_count,
+                first_light,
+            ]);
+            record[instance_record::EMISSION_SCALE as usize..][..3]
+                .copy_from_slice(&emission.to_array().map(f32::to_bits));
+            record[instance_record::COUNTERPART as usize] = NO_INSTANCE;
+            if start.light_count > 0 {
+                emitters.extend([first_light, slot as u32]);
+                let area_scale = f64::from(determinant.abs()).powf(2.0 / 3.0);
+                weights.push(start.power * area_scale * f64::from(emission.element_sum() / 3.0));
+                first_light += start.light_count;
+            }
+        }
+        let order_at = block + capacity.instances * words;
+        self.records[order_at..order_at + placed.order.len()].copy_from_slice(&placed.order);
+        let emitters_at = order_at + capacity.instances;
+        self.records[emitters_at..emitters_at + emitters.len()].copy_from_slice(&emitters);
+        if !weights.iter().any(|&w| w > 0.0) {
+            weights.fill(1.0);
+        }
+        let table = alias::build(&weights).unwrap_or_default();
+        self.lights[..table.len()].copy_from_slice(&table);
+        let first_row = self.dynamics.top.first_row + half * self.dynamics.top.capacity_rows();
+        self.bvh[first_row..first_row + placed.nodes.len()].copy_from_slice(&placed.nodes);
+
+        self.link(half, &drawn);
+        self.frame.instances_at = block as u32;
+        self.frame.instance_count = drawn.len() as u32;
+        self.frame.top_order_at = order_at as u32;
+        self.frame.emitters_at = emitters_at as u32;
+        self.frame.emitter_count = weights.len() as u32;
+        self.frame.light_count = first_light;
+        self.frame.top_root = (first_row / 5) as u32;
+        self.bounds = placed.bounds;
+        self.dynamics.half = half;
+        self.dynamics.shown = Some(moment.clone());
+        self.dynamics.drawn = drawn;
+        Ok(())
+    }
+
+    /// Tells every instance of both blocks which one it is in the other.
+    fn link(&mut self, half: usize, drawn: &[u32]) {
+        let (words, block_words) = (instance_record::WORDS as usize, self.dynamics.capacity.record_words());
+        let counterpart_at = |half: usize, slot: usize| {
+            half * block_words + slot * words + instance_record::COUNTERPART as usize
+        };
+        let mut slots = vec![NO_INSTANCE; self.dynamics.top.len()];
+        for (slot, &instance) in self.dynamics.drawn.iter().enumerate() {
+            slots[instance as usize] = slot as u32;
+            self.records[counterpart_at(half ^ 1, slot)] = NO_INSTANCE;
+        }
+        for (slot, &instance) in drawn.iter().enumerate() {
+            let before = slots[instance as usize];
+            self.records[counterpart_at(half, slot)] = before;
+            if before != NO_INSTANCE {
+                self.records[counterpart_at(half ^ 1, before as usize)] = slot as u32;
+            }
+        }
+    }
+}
+
+/// The upper three rows of an affine matrix.
+fn write_rows(words: &mut [u32], matrix: &Mat4) {
+    for (row, words) in words.chunks_exact_mut(4).enumerate() {
+        for (word, x) in words.iter_mut().zip(matrix.row(row).to_array()) {
+            *word = x.to_bits();
+        }
+    }
+}

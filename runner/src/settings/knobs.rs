@@ -1,0 +1,336 @@
+//! The knobs.
+
+use std::{fmt::Display, str::FromStr};
+
+use weir_shared::{merge::form, resample::choice, reuse::lattice, reuse::rule, target::occlusion};
+
+use super::{Preset, Rays, Settings};
+use crate::technique::MAX_ROUNDS;
+
+/// A knob.
+pub struct Knob {
+    /// What stands before the equals sign.
+    pub key: &'static str,
+    /// What may stand behind it.
+    pub values: &'static str,
+    /// Default, and what more and less of it do.
+    pub help: &'static str,
+    set: fn(&mut Settings, &str) -> bool,
+    get: fn(&Settings) -> String,
+}
+
+impl Knob {
+    /// Sets it; false if the value is none of [`Knob::values`].
+    pub fn set(&self, settings: &mut Settings, value: &str) -> bool {
+        (self.set)(settings, value)
+    }
+
+    /// Its value in `settings`, as [`Knob::set`] takes it.
+    pub fn get(&self, settings: &Settings) -> String {
+        (self.get)(settings)
+    }
+}
+
+fn number<T: FromStr + PartialOrd>(target: &mut T, text: &str, low: T, high: T) -> bool {
+    match text.parse() {
+        Ok(value) if value >= low && value <= high => {
+            *target = value;
+            true
+        }
+        _ => false,
+    }
+}
+
+/// One of several named values.
+fn named<T: Copy>(target: &mut T, text: &str, values: &[(&str, T)]) -> bool {
+    match values.iter().find(|(name, _)| *name == text) {
+        Some((_, value)) => {
+            *target = *value;
+            true
+        }
+        None => false,
+    }
+}
+
+fn name_of<T: Copy + PartialEq>(value: T, values: &[(&'static str, T)]) -> String {
+    values.iter().find(|(_, v)| *v == value).map_or_else(String::new, |(name, _)| (*name).to_owned())
+}
+
+fn text(value: impl Display) -> String {
+    value.to_string()
+}
+
+const SOURCES: &[(&str, bool)] = &[("power", true), ("uniform", false)];
+const SWITCH: &[(&str, bool)] = &[("on", true), ("off", false)];
+const CHOICES: &[(&str, u32)] =
+    &[("threshold", choice::THRESHOLD), ("plain", choice::PLAIN), ("keys", choice::KEYS)];
+const RAYS: &[(&str, Rays)] = &[
+    ("speed", Rays::Speed),
+    ("balanced", Rays::Balanced),
+    ("quality", Rays::Quality),
+    ("before", Rays::Before),
+    ("after", Rays::Speed),
+    ("both", Rays::Both),
+    ("none", Rays::None),
+];
+const FORMS: &[(&str, u32)] = &[
+    ("pairwise-defensive", form::PAIRWISE_DEFENSIVE),
+    ("pairwise", form::PAIRWISE),
+    ("balance", form::BALANCE),
+    ("contribution", form::CONTRIBUTION),
+    ("1/z", form::ONE_OVER_Z),
+    ("1/m", form::ONE_OVER_M),
+];
+const RULES: &[(&str, u32)] =
+    &[("disk", rule::DISK), ("compatible", rule::COMPATIBLE), ("paired", rule::PAIRED)];
+const OCCLUSIONS: &[(&str, u32)] = &[("none", occlusion::NONE), ("screen", occlusion::SCREEN)];
+const LATTICES: &[(&str, u32)] =
+    &[("full", lattice::FULL), ("checkerboard", lattice::CHECKERBOARD), ("half", lattice::HALF)];
+
+/// Every knob there is.
+pub const KNOBS: &[Knob] = &[
+    Knob {
+        key: "preset",
+        values: "fast, balanced, quality or paper",
+        help: "all the knobs of sampling, reuse and rays together; give it first. fast: one shadow ray a pixel. \
+               balanced: three at most. quality: visibility in the target. paper: the setting of the first paper, \
+               32 candidates, 3 neighbours within 30 pixels, 20 frames of history. Default balanced",
+        set: |s, text| {
+            let Some(preset) = Preset::ALL.into_iter().find(|p| p.name() == text) else { return false };
+            *s = Settings { jitter: s.jitter, path_length: s.path_length, time_s: s.time_s, time_step_s: s.time_step_s, ..preset.settings() };
+            true
+        },
+        get: |_| String::new(),
+    },
+    Knob {
+        key: "candidates.count",
+        values: "1 to 4096",
+        help: "light samples offered to each reservoir in a frame. More: less noise a frame; less: faster frames. With \
+               no more lights than this, each light is offered once. Default 8",
+        set: |s, text| number(&mut s.candidates, text, 1, 4096),
+        get: |s| text(s.candidates),
+    },
+    Knob {
+        key: "candidates.source",
+        values: "power or uniform",
+        help: "how candidates are drawn from the emissive triangles: by emitted power, or all alike. Default power",
+        set: |s, text| named(&mut s.pick_by_power, text, SOURCES),
+        get: |s| name_of(s.pick_by_power, SOURCES),
+    },
+    Knob {
+        key: "candidates.bsdf",
+        values: "0 or 1",
+        help: "rays in directions drawn from the BSDF, whose hits are candidates too. More: less noise where glossy \
+               surfaces mirror lights; less: a ray less. Default 0",
+        set: |s, text| number(&mut s.candidates_bsdf, text, 0, 1),
+        get: |s| text(s.candidates_bsdf),
+    },
+    Knob {
+        key: "candidates.full",
+        values: "0 to 64",
+        help: "groups of candidates that compete by irradiance before one of each meets the full target. More: closer \
+               to the full target for all, which 0 stands for; less: fewer evaluations of the BSDF. Default 0",
+        set: |s, text| number(&mut s.candidates_full, text, 0, 64),
+        get: |s| text(s.candidates_full),
+    },
+    Knob {
+        key: "candidates.off_lattice",
+        values: "1 to 4096",
+        help: "as `candidates.count`, for pixels that `reuse.resolution` leaves out. Default 2",
+        set: |s, text| number(&mut s.candidates_off_lattice, text, 1, 4096),
+        get: |s| text(s.candidates_off_lattice),
+    },
+    Knob {
+        key: "reservoirs.count",
+        values: "1 to 8",
+        help: "reservoirs of each pixel, each with candidates, reuse and rays of its own. More: less noise; less: faster. \
+               Default 1",
+        set: |s, text| number(&mut s.reservoirs, text, 1, 8),
+        get: |s| text(s.reservoirs),
+    },
+    Knob {
+        key: "reservoirs.choice",
+        values: "threshold, plain or keys",
+        help: "how one sample of a stream is chosen; the law is the same. threshold: few random numbers; plain: one for \
+               each sample; keys: the smallest of exponential keys. Default threshold",
+        set: |s, text| named(&mut s.choice, text, CHOICES),
+        get: |s| name_of(s.choice, CHOICES),
+    },
+    Knob {
+        key: "rays",
+        values: "speed, balanced, quality, before, after, both or none",
+        help: "shadow rays. speed (or after): one, to the sample that is shaded; balanced: three at most, known to reuse; \
+               quality: one to each sample that reuse compares; all of these unbiased. before: one before reuse, both: \
+               that and one after, none: no shadows; these are biased, for comparison. Default balanced",
+        set: |s, text| named(&mut s.rays, text, RAYS),
+        get: |s| name_of(s.rays, RAYS),
+    },
+    Knob {
+        key: "shade.sum",
+        values: "on or off",
+        help: "with `rays=quality`: shade the sum over all inputs of the last merge rather than the one that is kept. \
+               on: less noise, in colour above all. Default on",
+        set: |s, text| named(&mut s.sum, text, SWITCH),
+        get: |s| name_of(s.sum, SWITCH),
+    },
+    Knob {
+        key: "reuse.mis",
+        values: "pairwise-defensive, pairwise, balance, contribution, 1/z or 1/m",
+        help: "weights of merging. The first two cost time in proportion to the inputs, the others to their square, and \
+               need `rays=speed`. 1/m is biased, for comparison. Default pairwise-defensive",
+        set: |s, text| named(&mut s.mis_form, text, FORMS),
+        get: |s| name_of(s.mis_form, FORMS),
+    },
+    Knob {
+        key: "reuse.radius",
+        values: "1 to 256",
+        help: "how far away neighbours may be, in pixels. More: less alike, so less of use, but less correlated; less: \
+               blotches. Default 16",
+        set: |s, text| number(&mut s.radius_px, text, 1.0, 256.0),
+        get: |s| text(s.radius_px),
+    },
+    Knob {
+        key: "reuse.rule",
+        values: "disk, compatible or paired",
+        help: "how neighbours are found, by geometry alone. disk: similar surfaces at evenly spread points; compatible: \
+               the most similar of sixteen such points; paired: pixels that have each other. Default disk",
+        set: |s, text| named(&mut s.neighbor_rule, text, RULES),
+        get: |s| name_of(s.neighbor_rule, RULES),
+    },
+    Knob {
+        key: "reuse.normal",
+        values: "0 to 180",
+        help: "largest angle between the normals of neighbours, in degrees. More: more neighbours at edges, less alike. \
+               Default 25",
+        set: |s, text| number(&mut s.normal_angle_deg, text, 0.0, 180.0),
+        get: |s| text(s.normal_angle_deg),
+    },
+    Knob {
+        key: "reuse.plane",
+        values: "0 to 10",
+        help: "how far a neighbour may lie off the tangent plane, as a share of the distance to the camera. More: more \
+               neighbours in depth, less alike. Default 0.02",
+        set: |s, text| number(&mut s.plane_tolerance, text, 0.0, 10.0),
+        get: |s| text(s.plane_tolerance),
+    },
+    Knob {
+        key: "reuse.roughness",
+        values: "0 to 1",
+        help: "how much the roughness of neighbours may differ. More: more neighbours across materials. Default 0.25",
+        set: |s, text| number(&mut s.roughness_tolerance, text, 0.0, 1.0),
+        get: |s| text(s.roughness_tolerance),
+    },
+    Knob {
+        key: "reuse.resolution",
+        values: "full, checkerboard or half",
+        help: "which pixels have reservoirs of full quality; the others offer few candidates of their own and reuse \
+               those. Less: faster, more noise. Default full",
+        set: |s, text| named(&mut s.lattice, text, LATTICES),
+        get: |s| name_of(s.lattice, LATTICES),
+    },
+    Knob {
+        key: "temporal.cap",
+        values: "0 to 1000",
+        help: "largest confidence of the frame before, in units of a fresh sample. More: less noise from one frame to \
+               the next, but more of it shared by neighbours, and slower to follow; 0: no history. Default 8",
+        set: |s, text| number(&mut s.confidence_cap, text, 0, 1000),
+        get: |s| text(s.confidence_cap),
+    },
+    Knob {
+        key: "temporal.neighbors",
+        values: "0 to 6",
+        help: "neighbours in the frame before, beside the pixel itself. More: less noise, more time. Default 1",
+        set: |s, text| number(&mut s.temporal_neighbors, text, 0, 6),
+        get: |s| text(s.temporal_neighbors),
+    },
+    Knob {
+        key: "temporal.neighbors_unseen",
+        values: "0 to 12",
+        help: "the same where the surface was not seen in the frame before. More: less noise where something has come \
+               into view. Default 5",
+        set: |s, text| number(&mut s.temporal_neighbors_unseen, text, 0, 12),
+        get: |s| text(s.temporal_neighbors_unseen),
+    },
+    Knob {
+        key: "spatial.rounds",
+        values: "0 to 6",
+        help: "rounds of spatial reuse in a frame of the real-time chain, after reuse in time. Default 0: the neighbours \
+               in the frame before do as well",
+        set: |s, text| number(&mut s.spatial_rounds, text, 0, MAX_ROUNDS),
+        get: |s| text(s.spatial_rounds),
+    },
+    Knob {
+        key: "spatial.neighbors",
+        values: "0 to 12",
+        help: "neighbours in each of these rounds. More: less noise, more time. Default 1",
+        set: |s, text| number(&mut s.spatial_neighbors, text, 0, 12),
+        get: |s| text(s.spatial_neighbors),
+    },
+    Knob {
+        key: "spatial.neighbors_unseen",
+        values: "0 to 12",
+        help: "the same where the surface was not seen in the frame before. Default 5",
+        set: |s, text| number(&mut s.spatial_neighbors_unseen, text, 0, 12),
+        get: |s| text(s.spatial_neighbors_unseen),
+    },
+    Knob {
+        key: "still.rounds",
+        values: "0 to 6",
+        help: "rounds of spatial reuse in each frame of a still. More: less noise a frame, fewer frames in the same \
+               time; 0: no reuse. Default 2",
+        set: |s, text| number(&mut s.still_rounds, text, 0, MAX_ROUNDS),
+        get: |s| text(s.still_rounds),
+    },
+    Knob {
+        key: "still.neighbors",
+        values: "0 to 12",
+        help: "neighbours in each of these rounds. More: less noise, more time. Default 4",
+        set: |s, text| number(&mut s.still_neighbors, text, 0, 12),
+        get: |s| text(s.still_neighbors),
+    },
+    Knob {
+        key: "target.occlusion",
+        values: "none or screen",
+        help: "approximate occlusion in the target of candidates. screen: a march through the depth of the picture; \
+               fewer samples that turn out hidden, for some time. Default none",
+        set: |s, text| named(&mut s.occlusion, text, OCCLUSIONS),
+        get: |s| name_of(s.occlusion, OCCLUSIONS),
+    },
+    Knob {
+        key: "target.occlusion_reach",
+        values: "1 to 256",
+        help: "how far that march goes, in pixels. More: finds more, misses more between its steps. Default 24",
+        set: |s, text| number(&mut s.occlusion_reach_px, text, 1.0, 256.0),
+        get: |s| text(s.occlusion_reach_px),
+    },
+    Knob {
+        key: "camera.jitter",
+        values: "on or off",
+        help: "on: camera rays are spread over the pixel, which smooths edges. off: they go through its center, so that \
+               what differs between pictures is light alone. Default on",
+        set: |s, text| named(&mut s.jitter, text, SWITCH),
+        get: |s| name_of(s.jitter, SWITCH),
+    },
+    Knob {
+        key: "path.length",
+        values: "1 to 64",
+        help: "surfaces on a path, for `--integrator reference` only: 1 is direct light. More: light that has bounced. \
+               Default 1",
+        set: |s, text| number(&mut s.path_length, text, 1, 64),
+        get: |s| text(s.path_length),
+    },
+    Knob {
+        key: "scene.time",
+        values: "-1000000 to 1000000",
+        help: "the moment of an animated scene, in seconds. Default 0",
+        set: |s, text| number(&mut s.time_s, text, -1e6, 1e6),
+        get: |s| text(s.time_s),
+    },
+    Knob {
+        key: "scene.time_step",
+        values: "0 to 1000",
+        help: "seconds from one frame of the real-time chain to the next. Default one sixtieth",
+        set: |s, text| number(&mut s.time_step_s, text, 0.0, 1000.0),
+        get: |s| text(s.time_step_s),
+    },
+];

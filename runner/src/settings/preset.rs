@@ -1,0 +1,98 @@
+//! Settings that go together.
+
+use weir_shared::{merge::form, resample::choice, reuse::lattice, reuse::rule, target::occlusion};
+
+use super::{Rays, Settings};
+
+/// Settings that go together.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Preset {
+    /// One shadow ray a pixel.
+    Fast,
+    /// At most three.
+    Balanced,
+    /// Visibility in the target.
+    Quality,
+    /// What the first paper on this used.
+    Paper,
+}
+
+impl Preset {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Fast, Self::Balanced, Self::Quality, Self::Paper];
+
+    /// As `--set preset=` takes it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Fast => "fast",
+            Self::Balanced => "balanced",
+            Self::Quality => "quality",
+            Self::Paper => "paper",
+        }
+    }
+
+    /// Its settings.
+    pub fn settings(self) -> Settings {
+        let balanced = Settings {
+            candidates: 8,
+            pick_by_power: true,
+            candidates_bsdf: 0,
+            candidates_full: 0,
+            candidates_off_lattice: 2,
+            reservoirs: 1,
+            choice: choice::THRESHOLD,
+            mis_form: form::PAIRWISE_DEFENSIVE,
+            rays: Rays::Balanced,
+            sum: true,
+            confidence_cap: 8,
+            temporal_neighbors: 1,
+            temporal_neighbors_unseen: 5,
+            spatial_rounds: 0,
+            spatial_neighbors: 1,
+            spatial_neighbors_unseen: 5,
+            still_rounds: 2,
+            still_neighbors: 4,
+            radius_px: 16.0,
+            neighbor_rule: rule::DISK,
+            normal_angle_deg: 25.0,
+            plane_tolerance: 0.02,
+            roughness_tolerance: 0.25,
+            occlusion: occlusion::NONE,
+            occlusion_reach_px: 24.0,
+            lattice: lattice::FULL,
+            jitter: true,
+            path_length: 1,
+            time_s: 0.0,
+            time_step_s: 1.0 / 60.0,
+        };
+        match self {
+            Self::Balanced => balanced,
+            Self::Fast => Settings { rays: Rays::Speed, candidates: 8, still_rounds: 1, ..balanced },
+            Self::Quality => Settings {
+                rays: Rays::Quality,
+                candidates: 16,
+                temporal_neighbors: 2,
+                still_rounds: 3,
+                still_neighbors: 5,
+                ..balanced
+            },
+            // Section 5 there, unbiased: 32 candidates, one round of three neighbours within 30 pixels, a history of
+            // twenty frames, no neighbours in the frame before.
+            Self::Paper => Settings {
+                candidates: 32,
+                rays: Rays::Quality,
+                sum: false,
+                confidence_cap: 20,
+                temporal_neighbors: 0,
+                temporal_neighbors_unseen: 0,
+                spatial_rounds: 1,
+                spatial_neighbors: 3,
+                spatial_neighbors_unseen: 3,
+                still_rounds: 1,
+                still_neighbors: 3,
+                radius_px: 30.0,
+                ..balanced
+            },
+        }
+    }
+}

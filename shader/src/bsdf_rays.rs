@@ -1,0 +1,53 @@
+//! Rays by the BSDF: candidates that a table of lights would rarely draw, such as what a glossy surface mirrors.
+
+use glam::{UVec2, UVec4};
+use weir_shared::{
+    bvh::closest_hit,
+    environment,
+    frame::Frame,
+    light::{self, ENVIRONMENT_BIT, NO_LIGHT},
+    numerics::{load, pack_cell},
+    ray::{FAR, Ray, offset_origin},
+    reservoir::Reservoir,
+    rng::{Rng, Stage},
+    scene::Scene,
+    surface::Surface,
+    target::Domain,
+    triangle::triangle_to_square,
+};
+
+/// The light that a direction drawn from the BSDF finds, with weight 1; the zero reservoir if there is none. One ray.
+pub fn bsdf_rays<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
+    px: UVec2,
+    reservoir: u32,
+    frame: &Frame,
+    scene: &Scene,
+    bvh: &[UVec4],
+    surfaces: &[Surface],
+) -> Reservoir {
+    let surface = load(surfaces, frame.index_of(px));
+    if surface.is_sky() {
+        return Reservoir::EMPTY;
+    }
+    let bsdf = Domain::new(frame.camera_origin, &surface).bsdf;
+    let mut rng = Rng::for_reservoir(px, reservoir, frame, Stage::BsdfRay);
+    let direction = bsdf.sample(rng.next_float(), rng.next_float(), rng.next_float());
+    if !(bsdf.normal_geometric.dot(direction) > 0.0) {
+        return Reservoir::EMPTY;
+    }
+    let origin = offset_origin(surface.position(), bsdf.normal_geometric, surface.error, direction);
+    let hit = closest_hit::<TEXTURES, INSTANCES>(frame, scene, bvh, &Ray { origin, direction, t_max: FAR });
+    if hit.is_miss() {
+        if !ENVIRONMENT {
+            return Reservoir::EMPTY;
+        }
+        let (texel, uv) = environment::locate(frame, direction);
+        return Reservoir::new(texel | ENVIRONMENT_BIT, uv, 1.0, 0);
+    }
+    let light = light::of_hit(frame, scene, &hit);
+    if light == NO_LIGHT {
+        return Reservoir::EMPTY;
+    }
+    let (u, v) = triangle_to_square(hit.u, hit.v);
+    Reservoir::new(light, pack_cell(u, v), 1.0, 0)
+}

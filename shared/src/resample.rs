@@ -1,0 +1,251 @@
+//! Weighted reservoir sampling: one sample kept of a stream, in proportion to its weight.
+//!
+//! Generic over the float, so that what the passes run in `f32` can be proved by enumeration in `f64`; and over the
+//! way of choosing, of which there are three with one law.
+
+use core::ops::{Add, Div, Mul, Sub};
+
+use crate::{
+    numerics::{is_finite, log2},
+    rng::Rng,
+};
+
+/// The floats that resampling runs on.
+pub trait Real:
+    Copy + PartialOrd + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
+{
+    /// 0.
+    const ZERO: Self;
+    /// 1.
+    const ONE: Self;
+    /// Neither infinite nor not-a-number.
+    fn is_finite(self) -> bool;
+}
+
+impl Real for f32 {
+    const ZERO: Self = 0.0;
+    const ONE: Self = 1.0;
+    #[inline(always)]
+    fn is_finite(self) -> bool {
+        is_finite(self)
+    }
+}
+
+#[cfg(not(target_arch = "spirv"))]
+impl Real for f64 {
+    const ZERO: Self = 0.0;
+    const ONE: Self = 1.0;
+    fn is_finite(self) -> bool {
+        Self::is_finite(self)
+    }
+}
+
+/// Decides whether the item just added to a stream takes the place of the one kept.
+pub trait Choose<R> {
+    /// `weight` is positive and finite and already part of `weight_sum`. True with probability `weight / weight_sum`.
+    fn accept(&mut self, weight: R, weight_sum: R) -> bool;
+}
+
+/// Ways of choosing. All keep item i with probability `w_i / sum w`.
+pub mod choice {
+    /// A random number for each place that is taken, about ln M + 0.6 of them for M items of equal weight: the sum of
+    /// weights at which the next item is taken is known beforehand.
+    pub const THRESHOLD: u32 = 0;
+    /// A random number for each item. Source: Chao 1982, "A General Purpose Unequal Probability Sampling Plan".
+    pub const PLAIN: u32 = 1;
+    /// The smallest of the keys -log(random) / weight, one for each item; independent of the order of items. Source:
+    /// Efraimidis and Spirakis 2006, "Weighted Random Sampling with a Reservoir", in logarithms, because u^(1/w)
+    /// underflows.
+    pub const KEYS: u32 = 2;
+}
+
+/// Chooses by random numbers, in one of the ways of [`choice`].
+#[derive(Clone, Copy)]
+pub struct Chooser {
+    rng: Rng,
+    way: u32,
+    /// `THRESHOLD`: random number of the item kept. `KEYS`: its key.
+    kept: f32,
+    /// `THRESHOLD`: sum of weights when the item was kept; 0 before the first.
+    kept_sum: f32,
+}
+
+impl Chooser {
+    /// A way of [`choice`], with numbers of a stream of its own.
+    #[inline(always)]
+    pub fn new(rng: Rng, way: u32) -> Self {
+        Self { rng, way, kept: 1.0, kept_sum: 0.0 }
+    }
+}
+
+impl Choose<f32> for Chooser {
+    #[inline(always)]
+    fn accept(&mut self, weight: f32, weight_sum: f32) -> bool {
+        if self.way == choice::THRESHOLD {
+            // An item survives from sum s to sum S with probability s / S: it is replaced where S exceeds s / u.
+            // Multiplied out, because s / u can overflow.
+            if self.kept * weight_sum < self.kept_sum {
+                return false;
+            }
+            self.kept = self.rng.next_positive_float();
+            self.kept_sum = weight_sum;
+            true
+        } else if self.way == choice::PLAIN {
+            // Strict: a weight of zero is not kept even where the random number is zero.
+            self.rng.next_float() * weight_sum < weight
+        } else {
+            let key = -log2(self.rng.next_positive_float()) / weight;
+            let first = self.kept_sum == 0.0;
+            self.kept_sum = 1.0;
+            if !first && !(key < self.kept) {
+                return false;
+            }
+            self.kept = key;
+            true
+        }
+    }
+}
+
+/// A stream being resampled: what only streaming needs.
+#[derive(Clone, Copy)]
+pub struct Stream<R, S, C> {
+    kept: S,
+    target: R,
+    weight_sum: R,
+    choose: C,
+}
+
+impl<R: Real, S: Copy, C: Choose<R>> Stream<R, S, C> {
+    /// Nothing offered yet; `nothing` is what [`Stream::kept`] returns until then.
+    #[inline(always)]
+    pub fn new(nothing: S, choose: C) -> Self {
+        Self { kept: nothing, target: R::ZERO, weight_sum: R::ZERO, choose }
+    }
+
+    /// Offers a sample with target p̂ and resampling weight w = m p̂ W; true if it is the one kept now. Weights that
+    /// are not positive and finite, or with which the sum would overflow, are dropped.
+    #[inline(always)]
+    pub fn offer(&mut self, sample: S, target: R, weight: R) -> bool {
+        let sum = self.weight_sum + weight;
+        if !(weight > R::ZERO) || !sum.is_finite() {
+            return false;
+        }
+        self.weight_sum = sum;
+        let taken = self.choose.accept(weight, sum);
+        if taken {
+            self.kept = sample;
+            self.target = target;
+        }
+        taken
+    }
+
+    /// The sample kept.
+    #[inline(always)]
+    pub fn kept(&self) -> S {
+        self.kept
+    }
+
+    /// Unbiased contribution weight W = (sum of weights) / p̂ of the sample kept; 0 without one, or if it overflows.
+    #[inline(always)]
+    pub fn contribution_weight(&self) -> R {
+        if !(self.target > R::ZERO) {
+            return R::ZERO;
+        }
+        let weight = self.weight_sum / self.target;
+        if weight.is_finite() { weight } else { R::ZERO }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn counts(way: u32, weights: &[f32], n: u32) -> Vec<f64> {
+        let mut counts = vec![0.0f64; weights.len()];
+        for i in 0..n {
+            let mut stream = Stream::new(usize::MAX, Chooser::new(Rng::from_words(i, 5, way, 0), way));
+            for (j, &w) in weights.iter().enumerate() {
+                stream.offer(j, 2.0, w);
+            }
+            if let Some(count) = counts.get_mut(stream.kept()) {
+                *count += 1.0;
+            }
+            let sum: f32 = weights.iter().filter(|w| **w > 0.0 && w.is_finite()).sum();
+            assert!((stream.contribution_weight() * 2.0 - sum).abs() <= 1e-5 * sum);
+        }
+        counts
+    }
+
+    /// Statistic of Pearson's test against the weights.
+    fn statistic(counts: &[f64], weights: &[f32]) -> f64 {
+        let usable = |w: f32| if w > 0.0 && w.is_finite() { f64::from(w) } else { 0.0 };
+        let (n, sum): (f64, f64) = (counts.iter().sum(), weights.iter().map(|&w| usable(w)).sum());
+        let expected = weights.iter().map(|&w| n * usable(w) / sum);
+        counts.iter().zip(expected).map(|(c, e)| if e > 0.0 { (c - e).powi(2) / e } else { c * 1e9 }).sum()
+    }
+
+    #[test]
+    fn every_way_of_choosing_keeps_samples_in_proportion_to_their_weights() {
+        let weights = [1.0, 0.0, 3.0, f32::NAN, 4.0, f32::INFINITY, -1.0, 0.25];
+        for way in [choice::THRESHOLD, choice::PLAIN, choice::KEYS] {
+            let counts = counts(way, &weights, 160_000);
+            let statistic = statistic(&counts, &weights);
+            // Quantile 1 - 1e-6 of the distribution with 3 degrees of freedom.
+            assert!(statistic < 30.7, "way {way}: chi-square {statistic}, {counts:?}");
+        }
+    }
+
+    #[test]
+    fn four_thousand_equal_weights_are_kept_alike() {
+        let weights = vec![1.0; 4096];
+        for way in [choice::THRESHOLD, choice::KEYS] {
+            let statistic = statistic(&counts(way, &weights, 40_960), &weights);
+            // 4095 degrees of freedom: mean 4095, standard deviation 90.5; five of them.
+            assert!((statistic - 4095.0).abs() < 455.0, "way {way}: {statistic}");
+        }
+    }
+
+    #[test]
+    fn the_threshold_draws_about_the_logarithm_of_the_number_of_items() {
+        struct Counting(Chooser, u32);
+        impl Choose<f32> for Counting {
+            fn accept(&mut self, weight: f32, sum: f32) -> bool {
+                let taken = self.0.accept(weight, sum);
+                self.1 += u32::from(taken);
+                taken
+            }
+        }
+        let mut draws = 0;
+        for i in 0..4_000 {
+            let chooser = Chooser::new(Rng::from_words(i, 1, 2, 0), choice::THRESHOLD);
+            let mut stream = Stream::new(0, Counting(chooser, 0));
+            (0..32).for_each(|j| {
+                stream.offer(j, 1.0, 1.0);
+            });
+            draws += stream.choose.1;
+        }
+        // Harmonic number of 32, 4.06.
+        assert!((f64::from(draws) / 4_000.0 - 4.06).abs() < 0.1, "{draws}");
+    }
+
+    #[test]
+    fn weights_sixty_decades_apart_neither_overflow_nor_tie() {
+        for way in [choice::THRESHOLD, choice::PLAIN, choice::KEYS] {
+            for weights in [[1e-30, 1e30], [1e30, 1e-30]] {
+                let counts = counts(way, &weights, 1_000);
+                assert_eq!(counts[usize::from(weights[1] > 1.0)], 1_000.0, "way {way}, {weights:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_overflowing_weight_is_dropped() {
+        let mut stream = Stream::new(0, Chooser::new(Rng::from_words(0, 0, 0, 0), choice::PLAIN));
+        stream.offer(1, 1e-38, 1e10);
+        assert_eq!(stream.contribution_weight(), 0.0);
+        let mut stream = Stream::new(0, Chooser::new(Rng::from_words(0, 0, 0, 0), choice::PLAIN));
+        stream.offer(1, 1.0, 3e38);
+        stream.offer(2, 1.0, 3e38);
+        assert_eq!((stream.kept(), stream.contribution_weight()), (1, 3e38));
+    }
+}
