@@ -16,6 +16,9 @@ use crate::{
     triangle::ShearedRay,
 };
 
+#[cfg(all(not(target_arch = "spirv"), target_arch = "x86_64"))]
+pub mod simd;
+
 /// Rows of a node in the `bvh` buffer.
 pub const NODE_ROWS: u32 = 5;
 
@@ -128,14 +131,31 @@ fn child_bits(rows: &[UVec4; 5], slabs: &NodeSlabs, ray: &NodeRay, t_max: f32, c
     if near <= far { ((meta >> 5) & 7) << index } else { 0 }
 }
 
+/// Children of one node that a ray meets.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Children {
+    /// First inner child, and in the high byte the inner children to visit, in the low byte the inner-child mask.
+    nodes: UVec2,
+    /// First primitive, and the primitives to test.
+    primitives: UVec2,
+}
+
+impl Children {
+    /// From the rows of the node and the result of [`intersect_node`].
+    #[inline(always)]
+    fn new(rows: &[UVec4; 5], mask: u32) -> Self {
+        Self {
+            nodes: UVec2::new(rows[1].x, (mask & 0xff00_0000) | (rows[0].w >> 24)),
+            primitives: UVec2::new(rows[1].y, mask & 0x00ff_ffff),
+        }
+    }
+}
+
 /// The state of a walk through one tree: what is left to visit.
 struct Walk {
     stack: [UVec2; MAX_DEPTH as usize],
     depth: u32,
-    /// First child, and in the high byte the inner children still to visit, in the low byte the inner-child mask.
-    nodes: UVec2,
-    /// First primitive, and the primitives still to test.
-    primitives: UVec2,
+    to_visit: Children,
 }
 
 impl Walk {
@@ -144,34 +164,33 @@ impl Walk {
         Self {
             stack: [UVec2::ZERO; MAX_DEPTH as usize],
             depth: 0,
-            nodes: UVec2::new(0, 0x8000_0000),
-            primitives: UVec2::ZERO,
+            to_visit: Children { nodes: UVec2::new(0, 0x8000_0000), primitives: UVec2::ZERO },
         }
     }
 
     /// Takes a primitive off the list, if there is one.
     #[inline(always)]
     fn next_primitive(&mut self) -> u32 {
-        let bit = 31 - self.primitives.y.leading_zeros();
-        self.primitives.y &= !(1 << bit);
-        self.primitives.x + bit
+        let bit = 31 - self.to_visit.primitives.y.leading_zeros();
+        self.to_visit.primitives.y &= !(1 << bit);
+        self.to_visit.primitives.x + bit
     }
 
     /// Whether there are primitives to test.
     #[inline(always)]
     fn has_primitive(&self) -> bool {
-        self.primitives.y != 0
+        self.to_visit.primitives.y != 0
     }
 
     /// Whether there is an inner node to visit, after popping the stack where needed.
     #[inline(always)]
     fn has_node(&mut self) -> bool {
-        if (self.nodes.y & 0xff00_0000) == 0 {
+        if (self.to_visit.nodes.y & 0xff00_0000) == 0 {
             if self.depth == 0 {
                 return false;
             }
             self.depth -= 1;
-            self.nodes = self.stack[self.depth as usize];
+            self.to_visit.nodes = self.stack[self.depth as usize];
         }
         true
     }
@@ -179,23 +198,16 @@ impl Walk {
     /// Takes the next inner node off the list: its number, counted from the root.
     #[inline(always)]
     fn next_node(&mut self, octant: u32) -> u32 {
-        let hits = self.nodes.y;
+        let hits = self.to_visit.nodes.y;
         let bit = 31 - hits.leading_zeros();
-        let base = self.nodes.x;
-        self.nodes.y &= !(1 << bit);
-        if (self.nodes.y & 0xff00_0000) != 0 && self.depth < MAX_DEPTH {
-            self.stack[self.depth as usize] = self.nodes;
+        let base = self.to_visit.nodes.x;
+        self.to_visit.nodes.y &= !(1 << bit);
+        if (self.to_visit.nodes.y & 0xff00_0000) != 0 && self.depth < MAX_DEPTH {
+            self.stack[self.depth as usize] = self.to_visit.nodes;
             self.depth += 1;
         }
         let slot = (bit - 24) ^ (octant & 0xff);
         base + (hits & !(0xffff_ffffu32 << slot) & 0xff).count_ones()
-    }
-
-    /// Enters a node whose children were tested.
-    #[inline(always)]
-    fn enter(&mut self, rows: &[UVec4; 5], mask: u32) {
-        self.nodes = UVec2::new(rows[1].x, (mask & 0xff00_0000) | (rows[0].w >> 24));
-        self.primitives = UVec2::new(rows[1].y, mask & 0x00ff_ffff);
     }
 }
 
@@ -205,20 +217,30 @@ fn node_rows(bvh: &[UVec4], node: u32) -> [UVec4; 5] {
     [load(bvh, at), load(bvh, at + 1), load(bvh, at + 2), load(bvh, at + 3), load(bvh, at + 4)]
 }
 
-/// Tests a node's children; the host has a SIMD version with the same results.
-pub trait NodeTest: Copy {
-    /// As [`intersect_node`].
-    fn test(self, rows: &[UVec4; 5], ray: &NodeRay, t_max: f32) -> u32;
+/// Tests of a node's children, many at once where the processor can; the results are the same everywhere.
+pub trait Tests: Copy {
+    /// What the ray meets of node number `node` for t in `0..=t_max`, as [`intersect_node`] has it.
+    fn children(self, bvh: &[UVec4], node: u32, ray: &NodeRay, t_max: f32) -> Children;
+
+    /// Those triangles of the set `marked`, counted from `first`, that are worth a test by
+    /// [`ShearedRay::intersect`]: at least those that it meets for t in `0..=t_max`.
+    fn triangles(self, triangles: &[f32], first: u32, marked: u32, ray: &ShearedRay, t_max: f32) -> u32;
 }
 
-/// [`intersect_node`] itself.
+/// One child after the other.
 #[derive(Clone, Copy)]
-pub struct PortableNodeTest;
+pub struct PortableTests;
 
-impl NodeTest for PortableNodeTest {
+impl Tests for PortableTests {
     #[inline(always)]
-    fn test(self, rows: &[UVec4; 5], ray: &NodeRay, t_max: f32) -> u32 {
-        intersect_node(rows, ray, t_max)
+    fn children(self, bvh: &[UVec4], node: u32, ray: &NodeRay, t_max: f32) -> Children {
+        let rows = node_rows(bvh, node);
+        Children::new(&rows, intersect_node(&rows, ray, t_max))
+    }
+
+    #[inline(always)]
+    fn triangles(self, _triangles: &[f32], _first: u32, marked: u32, _ray: &ShearedRay, _t_max: f32) -> u32 {
+        marked
     }
 }
 
@@ -238,7 +260,7 @@ pub fn closest_hit<const TEXTURES: bool, const INSTANCES: bool>(
         // SAFETY: the processor has AVX2.
         return unsafe { simd::closest_hit::<TEXTURES, INSTANCES>(frame, scene, bvh, ray) };
     }
-    closest_hit_with::<TEXTURES, INSTANCES, _>(frame, scene, bvh, ray, PortableNodeTest)
+    closest_hit_with::<TEXTURES, INSTANCES, _>(frame, scene, bvh, ray, PortableTests)
 }
 
 /// Whether no triangle lies between the ends of the ray. The constants are those of [`closest_hit`].
@@ -254,21 +276,21 @@ pub fn unoccluded<const TEXTURES: bool, const INSTANCES: bool>(
         // SAFETY: the processor has AVX2.
         return unsafe { simd::unoccluded::<TEXTURES, INSTANCES>(frame, scene, bvh, ray) };
     }
-    unoccluded_with::<TEXTURES, INSTANCES, _>(frame, scene, bvh, ray, PortableNodeTest)
+    unoccluded_with::<TEXTURES, INSTANCES, _>(frame, scene, bvh, ray, PortableTests)
 }
 
-/// [`closest_hit`] with a given node test.
+/// [`closest_hit`] with given tests.
 #[inline(always)]
-pub fn closest_hit_with<const TEXTURES: bool, const INSTANCES: bool, N: NodeTest>(
+pub fn closest_hit_with<const TEXTURES: bool, const INSTANCES: bool, T: Tests>(
     frame: &Frame,
     scene: &Scene,
     bvh: &[UVec4],
     ray: &Ray,
-    node_test: N,
+    tests: T,
 ) -> Hit {
     let mut hit = Hit::miss(ray.t_max);
     if !INSTANCES {
-        closest_in_instance::<TEXTURES, N>(frame, scene, bvh, ray, 0, node_test, &mut hit);
+        closest_in_instance::<TEXTURES, T>(frame, scene, bvh, ray, 0, tests, &mut hit);
         return hit;
     }
     let node_ray = NodeRay::new(ray.origin, ray.direction);
@@ -282,25 +304,24 @@ pub fn closest_hit_with<const TEXTURES: bool, const INSTANCES: bool, N: NodeTest
                 direction: scene.transform_vector(at, ray.direction),
                 t_max: hit.t,
             };
-            closest_in_instance::<TEXTURES, N>(frame, scene, bvh, &object_ray, instance, node_test, &mut hit);
+            closest_in_instance::<TEXTURES, T>(frame, scene, bvh, &object_ray, instance, tests, &mut hit);
         }
         if !walk.has_node() {
             return hit;
         }
-        let rows = node_rows(bvh, frame.top_root + walk.next_node(node_ray.octant));
-        let mask = node_test.test(&rows, &node_ray, hit.t);
-        walk.enter(&rows, mask);
+        let node = frame.top_root + walk.next_node(node_ray.octant);
+        walk.to_visit = tests.children(bvh, node, &node_ray, hit.t);
     }
 }
 
 #[inline(always)]
-fn closest_in_instance<const TEXTURES: bool, N: NodeTest>(
+fn closest_in_instance<const TEXTURES: bool, T: Tests>(
     frame: &Frame,
     scene: &Scene,
     bvh: &[UVec4],
     ray: &Ray,
     instance: u32,
-    node_test: N,
+    tests: T,
     hit: &mut Hit,
 ) {
     let record = scene.instance_at(frame, instance);
@@ -325,23 +346,24 @@ fn closest_in_instance<const TEXTURES: bool, N: NodeTest>(
         if !walk.has_node() {
             return;
         }
-        let rows = node_rows(bvh, root + walk.next_node(node_ray.octant));
-        let mask = node_test.test(&rows, &node_ray, hit.t);
-        walk.enter(&rows, mask);
+        let node = root + walk.next_node(node_ray.octant);
+        walk.to_visit = tests.children(bvh, node, &node_ray, hit.t);
+        let (first, marked) = (first_triangle + walk.to_visit.primitives.x, walk.to_visit.primitives.y);
+        walk.to_visit.primitives.y = tests.triangles(scene.triangles, first, marked, &sheared, hit.t);
     }
 }
 
-/// [`unoccluded`] with a given node test.
+/// [`unoccluded`] with given tests.
 #[inline(always)]
-pub fn unoccluded_with<const TEXTURES: bool, const INSTANCES: bool, N: NodeTest>(
+pub fn unoccluded_with<const TEXTURES: bool, const INSTANCES: bool, T: Tests>(
     frame: &Frame,
     scene: &Scene,
     bvh: &[UVec4],
     ray: &Ray,
-    node_test: N,
+    tests: T,
 ) -> bool {
     if !INSTANCES {
-        return unoccluded_in_instance::<TEXTURES, N>(frame, scene, bvh, ray, 0, node_test);
+        return unoccluded_in_instance::<TEXTURES, T>(frame, scene, bvh, ray, 0, tests);
     }
     let node_ray = NodeRay::new(ray.origin, ray.direction);
     let mut walk = Walk::from_root();
@@ -354,27 +376,26 @@ pub fn unoccluded_with<const TEXTURES: bool, const INSTANCES: bool, N: NodeTest>
                 direction: scene.transform_vector(at, ray.direction),
                 t_max: ray.t_max,
             };
-            if !unoccluded_in_instance::<TEXTURES, N>(frame, scene, bvh, &object_ray, instance, node_test) {
+            if !unoccluded_in_instance::<TEXTURES, T>(frame, scene, bvh, &object_ray, instance, tests) {
                 return false;
             }
         }
         if !walk.has_node() {
             return true;
         }
-        let rows = node_rows(bvh, frame.top_root + walk.next_node(node_ray.octant));
-        let mask = node_test.test(&rows, &node_ray, ray.t_max);
-        walk.enter(&rows, mask);
+        let node = frame.top_root + walk.next_node(node_ray.octant);
+        walk.to_visit = tests.children(bvh, node, &node_ray, ray.t_max);
     }
 }
 
 #[inline(always)]
-fn unoccluded_in_instance<const TEXTURES: bool, N: NodeTest>(
+fn unoccluded_in_instance<const TEXTURES: bool, T: Tests>(
     frame: &Frame,
     scene: &Scene,
     bvh: &[UVec4],
     ray: &Ray,
     instance: u32,
-    node_test: N,
+    tests: T,
 ) -> bool {
     let record = scene.instance_at(frame, instance);
     let root = scene.record(record + instance_record::ROOT);
@@ -396,9 +417,10 @@ fn unoccluded_in_instance<const TEXTURES: bool, N: NodeTest>(
         if !walk.has_node() {
             return true;
         }
-        let rows = node_rows(bvh, root + walk.next_node(node_ray.octant));
-        let mask = node_test.test(&rows, &node_ray, ray.t_max);
-        walk.enter(&rows, mask);
+        let node = root + walk.next_node(node_ray.octant);
+        walk.to_visit = tests.children(bvh, node, &node_ray, ray.t_max);
+        let (first, marked) = (first_triangle + walk.to_visit.primitives.x, walk.to_visit.primitives.y);
+        walk.to_visit.primitives.y = tests.triangles(scene.triangles, first, marked, &sheared, ray.t_max);
     }
 }
 
@@ -411,117 +433,6 @@ fn is_opaque(frame: &Frame, scene: &Scene, instance: u32, triangle: u32, u: f32,
     let material = scene.material_of(frame, instance, triangle);
     let mask = scene.material_word(material, material_record::ALPHA_TEXTURE);
     mask == NO_TEXTURE || alpha_at(frame, scene, mask, scene.uv_at(frame, instance, triangle, u, v)) >= 0.5
-}
-
-/// The node test eight children at a time, for processors with AVX2: the same operations in the same order on
-/// every child, so the same results.
-#[cfg(all(not(target_arch = "spirv"), target_arch = "x86_64"))]
-pub mod simd {
-    use core::arch::x86_64::*;
-
-    use glam::UVec4;
-
-    use super::{NodeRay, NodeSlabs, NodeTest};
-    use crate::{
-        frame::Frame,
-        ray::{Hit, Ray},
-        scene::Scene,
-    };
-
-    /// Whether this processor has AVX2.
-    #[inline(always)]
-    pub fn available() -> bool {
-        std::is_x86_feature_detected!("avx2")
-    }
-
-    /// The eight-wide test. Made only where [`available`] is true.
-    #[derive(Clone, Copy)]
-    pub struct WideNodeTest(());
-
-    impl WideNodeTest {
-        /// The test, if this processor can run it.
-        pub fn new() -> Option<Self> {
-            available().then_some(Self(()))
-        }
-    }
-
-    impl NodeTest for WideNodeTest {
-        #[inline(always)]
-        fn test(self, rows: &[UVec4; 5], ray: &NodeRay, t_max: f32) -> u32 {
-            // SAFETY: a `WideNodeTest` exists only on processors with AVX2.
-            unsafe { intersect_node(rows, ray, t_max) }
-        }
-    }
-
-    /// # Safety
-    /// The processor must have AVX2.
-    #[target_feature(enable = "avx2")]
-    pub unsafe fn closest_hit<const TEXTURES: bool, const INSTANCES: bool>(
-        frame: &Frame,
-        scene: &Scene,
-        bvh: &[UVec4],
-        ray: &Ray,
-    ) -> Hit {
-        super::closest_hit_with::<TEXTURES, INSTANCES, _>(frame, scene, bvh, ray, WideNodeTest(()))
-    }
-
-    /// # Safety
-    /// The processor must have AVX2.
-    #[target_feature(enable = "avx2")]
-    pub unsafe fn unoccluded<const TEXTURES: bool, const INSTANCES: bool>(
-        frame: &Frame,
-        scene: &Scene,
-        bvh: &[UVec4],
-        ray: &Ray,
-    ) -> bool {
-        super::unoccluded_with::<TEXTURES, INSTANCES, _>(frame, scene, bvh, ray, WideNodeTest(()))
-    }
-
-    /// Eight bytes to eight floats.
-    #[inline]
-    #[target_feature(enable = "avx2")]
-    fn planes(low: u32, high: u32) -> __m256 {
-        let bytes = _mm_cvtsi64_si128((u64::from(low) | (u64::from(high) << 32)) as i64);
-        _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(bytes))
-    }
-
-    #[inline]
-    #[target_feature(enable = "avx2")]
-    fn intersect_node(rows: &[UVec4; 5], ray: &NodeRay, t_max: f32) -> u32 {
-        let slabs = NodeSlabs::new(rows[0], ray);
-        let line = |q: __m256, scale: f32, shift: f32| {
-            _mm256_add_ps(_mm256_mul_ps(q, _mm256_set1_ps(scale)), _mm256_set1_ps(shift))
-        };
-        let axis = |row: UVec4, inverse: f32, scale: f32, near: f32, far: f32| {
-            let (first, second) = (planes(row.x, row.y), planes(row.z, row.w));
-            let (q_near, q_far) = if inverse < 0.0 { (second, first) } else { (first, second) };
-            (line(q_near, scale, near), line(q_far, scale, far))
-        };
-        let (near_x, far_x) = axis(rows[2], ray.inverse.x, slabs.scale.x, slabs.near.x, slabs.far.x);
-        let (near_y, far_y) = axis(rows[3], ray.inverse.y, slabs.scale.y, slabs.near.y, slabs.far.y);
-        let (near_z, far_z) = axis(rows[4], ray.inverse.z, slabs.scale.z, slabs.near.z, slabs.far.z);
-        // The instructions return their second operand on a tie or a NaN, as `numerics::{min, max}` do.
-        let near = _mm256_max_ps(_mm256_max_ps(near_x, near_y), _mm256_max_ps(near_z, _mm256_setzero_ps()));
-        let far = _mm256_min_ps(_mm256_min_ps(far_x, far_y), _mm256_min_ps(far_z, _mm256_set1_ps(t_max)));
-        let meets = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far));
-
-        let meta =
-            _mm256_cvtepu8_epi32(_mm_cvtsi64_si128((u64::from(rows[1].z) | (u64::from(rows[1].w) << 32)) as i64));
-        let inner_bit = _mm256_set1_epi32(0x10);
-        let inner = _mm256_cmpeq_epi32(
-            _mm256_and_si256(_mm256_and_si256(meta, _mm256_slli_epi32::<1>(meta)), inner_bit),
-            inner_bit,
-        );
-        let octant = _mm256_and_si256(inner, _mm256_set1_epi32((ray.octant & 0xff) as i32));
-        let index = _mm256_and_si256(_mm256_xor_si256(meta, octant), _mm256_set1_epi32(0x1f));
-        let bits = _mm256_and_si256(_mm256_srli_epi32::<5>(meta), _mm256_set1_epi32(7));
-        let marks = _mm256_and_si256(_mm256_sllv_epi32(bits, index), meets);
-        // Different children mark different bits: a sum of lanes would do as well as a union.
-        let half = _mm_or_si128(_mm256_castsi256_si128(marks), _mm256_extracti128_si256::<1>(marks));
-        let quarter = _mm_or_si128(half, _mm_shuffle_epi32::<0b0100_1110>(half));
-        let all = _mm_or_si128(quarter, _mm_shuffle_epi32::<0b1011_0001>(quarter));
-        _mm_cvtsi128_si32(all) as u32
-    }
 }
 
 #[cfg(test)]
@@ -552,7 +463,7 @@ mod tests {
     #[cfg(target_arch = "x86_64")]
     #[test]
     fn the_wide_node_test_equals_the_portable_one_bit_for_bit() {
-        let Some(wide) = simd::WideNodeTest::new() else {
+        let Some(wide) = simd::WideTests::new() else {
             eprintln!("SKIPPED: this processor has no AVX2");
             return;
         };
@@ -568,10 +479,57 @@ mod tests {
             };
             let ray = NodeRay::new(Vec3::new(s[0], s[1], s[2]) * 3.0, direction);
             let t_max = if i % 3 == 0 { 0.5 } else { 1e30 };
-            let expected = intersect_node(&rows, &ray, t_max);
-            hits += expected.count_ones();
-            assert_eq!(wide.test(&rows, &ray, t_max), expected, "node {i}");
+            hits += intersect_node(&rows, &ray, t_max).count_ones();
+            let expected = PortableTests.children(&rows, 0, &ray, t_max);
+            assert_eq!(wide.children(&rows, 0, &ray, t_max), expected, "node {i}");
         }
         assert!(hits > 20_000, "the comparison must not be one of misses only: {hits}");
+    }
+
+    /// Small whole coordinates, so that rays often meet edges and vertices and distances are often equal.
+    #[cfg(target_arch = "x86_64")]
+    #[test]
+    fn the_wide_triangle_test_keeps_every_hit_and_nothing_that_the_ray_misses() {
+        let Some(wide) = simd::WideTests::new() else {
+            eprintln!("SKIPPED: this processor has no AVX2");
+            return;
+        };
+        let (mut hits, mut misses) = (0, 0);
+        for i in 0..20_000 {
+            let whole = |j: u32| pcg4d(i, j, 8, 9).map(|b| (b >> 16) as f32 % 5.0 - 2.0);
+            let mut triangles = [0.0; 9 * 30];
+            for (j, four) in (0..).zip(triangles.chunks_mut(4)) {
+                four.copy_from_slice(&whole(j)[..four.len()]);
+            }
+            let (o, d) = (whole(100), whole(101));
+            let direction = match i % 6 {
+                0 => Vec3::new(0.0, -0.0, if d[2] < 0.0 { -1.0 } else { 1.0 }),
+                1 => Vec3::new(if d[0] < 0.0 { -1.0 } else { 1.0 }, 0.0, 0.0),
+                _ => Vec3::new(d[0], d[1] + 0.5, d[2]),
+            };
+            // Every other ray starts on a vertex.
+            let origin = if i % 2 == 0 { Vec3::new(o[0], o[1], o[2]) } else { Vec3::from_slice(&triangles[36..]) };
+            let ray = ShearedRay::new(origin, direction);
+            // At the end of the buffer the last ones have no window of eight.
+            let first = i % 7;
+            let marked = pcg4d(i, 1, 2, 3)[0] & 0x00ff_ffff;
+            let t_max = if i % 3 == 0 { 1.0 } else { 1e30 };
+            let kept = wide.triangles(&triangles, first, marked, &ray, t_max);
+            assert_eq!(kept & !marked, 0, "case {i}");
+            if marked.count_ones() <= 2 {
+                continue;
+            }
+            for bit in (0..24).filter(|bit| marked >> bit & 1 == 1) {
+                let found = ray.intersect(&triangles, first + bit);
+                let hit = found.t > 0.0 && found.t <= t_max;
+                let has_window = first + bit + 8 <= 30;
+                if hit || has_window {
+                    assert_eq!(kept >> bit & 1 == 1, hit, "case {i}, triangle {bit}: t = {}", found.t);
+                }
+                hits += u32::from(hit);
+                misses += u32::from(has_window && !hit);
+            }
+        }
+        assert!(hits > 10_000 && misses > 50_000, "{hits} hits and {misses} misses are too few to compare");
     }
 }

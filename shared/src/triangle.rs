@@ -12,15 +12,15 @@ use crate::numerics::{abs, load};
 /// through an edge hits at least one of the two triangles.
 #[derive(Clone, Copy)]
 pub struct ShearedRay {
-    axis_x: u32,
-    axis_y: u32,
-    axis_z: u32,
-    origin_x: f32,
-    origin_y: f32,
-    origin_z: f32,
-    shear_x: f32,
-    shear_y: f32,
-    shear_z: f32,
+    pub(crate) axis_x: u32,
+    pub(crate) axis_y: u32,
+    pub(crate) axis_z: u32,
+    pub(crate) origin_x: f32,
+    pub(crate) origin_y: f32,
+    pub(crate) origin_z: f32,
+    pub(crate) shear_x: f32,
+    pub(crate) shear_y: f32,
+    pub(crate) shear_z: f32,
 }
 
 /// Where a ray meets a triangle's plane inside the triangle.

@@ -1,6 +1,6 @@
 use glam::{Mat4, Vec3};
 use weir_shared::{
-    bvh::{PortableNodeTest, closest_hit, closest_hit_with, unoccluded},
+    bvh::{PortableTests, closest_hit, closest_hit_with, unoccluded, unoccluded_with},
     light,
     ray::{FAR, Hit, Ray},
     rng::pcg4d,
@@ -53,7 +53,7 @@ fn rays(n: u32) -> impl Iterator<Item = Ray> {
 }
 
 #[test]
-fn traversal_equals_brute_force_on_either_node_test() {
+fn traversal_equals_brute_force_on_either_path() {
     let packed = PackedScene::new(&soup(3_000), 0.0).expect("packs");
     let (scene, frame) = (view(&packed), packed.frame);
     let mut hits = 0;
@@ -68,7 +68,7 @@ fn traversal_equals_brute_force_on_either_node_test() {
         }
         hits += u32::from(!expected.is_miss());
         assert_eq!(closest_hit::<false, false>(&frame, &scene, &packed.bvh, &ray), expected);
-        let portable = closest_hit_with::<false, false, _>(&frame, &scene, &packed.bvh, &ray, PortableNodeTest);
+        let portable = closest_hit_with::<false, false, _>(&frame, &scene, &packed.bvh, &ray, PortableTests);
         assert_eq!(portable, expected);
         assert_eq!(unoccluded::<false, false>(&frame, &scene, &packed.bvh, &ray), expected.is_miss());
     }
@@ -149,6 +149,71 @@ impl PackedScene {
         (self.records[at + instance_record::ATTRIBUTES_AT as usize]
             + local * weir_shared::scene::attribute_words(flags)) as usize
     }
+}
+
+/// The bits of what both paths find, for rays of every kind; how many of them hit.
+fn hits_on_both_paths<const INSTANCES: bool>(packed: &PackedScene) -> u32 {
+    let (scene, frame) = (view(packed), packed.frame);
+    let mut hits = 0;
+    for (i, mut ray) in (0u32..).zip(rays(20_000)) {
+        if i % 4 == 0 {
+            // From a vertex of the scene, in object space; with one instance that is the world.
+            let at = (signed(i, 12)[0].abs() * packed.triangles.len() as f32 / 3.0) as usize * 3;
+            ray.origin = Vec3::from_slice(&packed.triangles[at.min(packed.triangles.len() - 3)..]);
+        }
+        if i % 5 == 0 {
+            // Toward a vertex.
+            let at = (signed(i, 13)[0].abs() * packed.triangles.len() as f32 / 3.0) as usize * 3;
+            let vertex = Vec3::from_slice(&packed.triangles[at.min(packed.triangles.len() - 3)..]);
+            if vertex != ray.origin {
+                ray.direction = vertex - ray.origin;
+            }
+        }
+        let fast = closest_hit::<false, INSTANCES>(&frame, &scene, &packed.bvh, &ray);
+        let plain = closest_hit_with::<false, INSTANCES, _>(&frame, &scene, &packed.bvh, &ray, PortableTests);
+        let bits = |h: Hit| [h.t.to_bits(), h.u.to_bits(), h.v.to_bits(), h.triangle, h.instance];
+        assert_eq!(bits(fast), bits(plain), "ray {i}: {ray:?}");
+        let visible = unoccluded::<false, INSTANCES>(&frame, &scene, &packed.bvh, &ray);
+        let plain = unoccluded_with::<false, INSTANCES, _>(&frame, &scene, &packed.bvh, &ray, PortableTests);
+        assert_eq!(visible, plain, "ray {i}: {ray:?}");
+        assert_eq!(visible, fast.is_miss(), "ray {i}: {ray:?}");
+        hits += u32::from(!fast.is_miss());
+    }
+    hits
+}
+
+#[test]
+fn the_fast_path_finds_the_same_bits_as_the_plain_one() {
+    let mut scene = soup(5_000);
+    // A grid whose triangles share vertices and edges, twice in the same place: equally near hits.
+    let mesh = &mut scene.meshes[0];
+    for copy in 0..2 {
+        let first = mesh.positions.len() as u32;
+        mesh.positions
+            .extend((0..400).map(|i| Vec3::new((i % 20) as f32 * 0.1 - 1.0, (i / 20) as f32 * 0.1 - 1.0, 0.25)));
+        for i in (0..379).filter(|i| i % 20 != 19) {
+            let corner = first + i;
+            mesh.triangles.extend([[corner, corner + 1, corner + 20], [corner + 21, corner + 20, corner + 1]]);
+            mesh.materials.extend([copy; 2]);
+        }
+    }
+    let packed = PackedScene::new(&scene, 0.0).expect("packs");
+    assert!(!packed.features.contains(&Feature::INSTANCES));
+    let hits = hits_on_both_paths::<false>(&packed);
+    assert!(hits > 5_000, "{hits} hits are too few to compare");
+
+    scene.instances = (0..9)
+        .map(|i| Instance {
+            mesh: 0,
+            world_from_object: Mat4::from_translation(Vec3::new((i % 3) as f32, (i / 3) as f32, 0.0) - Vec3::ONE)
+                * Mat4::from_rotation_x(0.3 * i as f32),
+            motion: Motion::Still,
+        })
+        .collect();
+    let packed = PackedScene::new(&scene, 0.0).expect("packs");
+    assert!(packed.features.contains(&Feature::INSTANCES));
+    let hits = hits_on_both_paths::<true>(&packed);
+    assert!(hits > 5_000, "{hits} hits are too few to compare");
 }
 
 #[test]
