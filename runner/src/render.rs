@@ -253,8 +253,7 @@ pub fn render(
     mut progress: impl FnMut(u32) -> bool,
 ) -> Result<Rendered, RenderError> {
     let facts = facts_of(packed, request.width, request.height, &request.settings);
-    let plan =
-        direct_light(request.technique, &request.settings, &facts, request.curve, &["moments", "display"])?;
+    let plan = direct_light(request.technique, &request.settings, &facts, request.curve, &["moments", "display"])?;
     let scene = packed.buffers();
     let mut executor = Executor::new(backend, &plan, scene)?;
     let mut frame = frame_of(packed, request);
@@ -287,8 +286,7 @@ pub fn render_real_time(
     mut progress: impl FnMut(u32) -> bool,
 ) -> Result<Rendered, RenderError> {
     let facts = facts_of(packed, request.width, request.height, &request.settings);
-    let plan =
-        direct_light(Technique::RealTime, &request.settings, &facts, request.curve, &["moments", "display"])?;
+    let plan = direct_light(Technique::RealTime, &request.settings, &facts, request.curve, &["moments", "display"])?;
     let mut executor = Executor::new(backend, &plan, packed.buffers())?;
     let mut sequence = Sequence::new(packed, Request { technique: Technique::RealTime, ..request.clone() });
     let start = Instant::now();

@@ -185,9 +185,7 @@ fn steps(technique: Technique, settings: &Settings, curve: ToneCurve) -> Vec<Ste
             (false, _) => ("temporal_merged", "temporal_visible"),
         };
         let pass = if pairwise { "temporal" } else { "temporal_any_form" };
-        chain.push(
-            step(pass).with("fresh", chain.held).with("merged", names.0).with("gathered", "temporal_gathered"),
-        );
+        chain.push(step(pass).with("fresh", chain.held).with("merged", names.0).with("gathered", "temporal_gathered"));
         chain.merged(rays, names.0, "temporal_gathered", names.1);
     }
     for (round, names) in (0..rounds).zip(&ROUNDS) {

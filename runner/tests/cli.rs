@@ -204,7 +204,7 @@ fn the_path_of_a_picture_goes_to_stdout() {
 fn a_wrong_argument_is_a_usage_error() {
     let desk = Desk::new();
     for (arguments, words) in [
-        ("--set candidates=8", "there is no knob `candidates`; there are `candidates.count`"),
+        ("--set candidates=8", "there is no knob `candidates`; there are `preset`, `candidates.count`"),
         ("--set candidates.count=0", "`candidates.count` takes 1 to 4096, not `0`"),
         ("--set candidates.count", "`candidates.count` is not of the form key=value"),
         ("--size 0x9", "WIDTHxHEIGHT"),
@@ -216,7 +216,7 @@ fn a_wrong_argument_is_a_usage_error() {
         ("--time NaN", "--time takes a number of seconds above 0"),
         ("--exposure NaN", "--exposure takes a number above 0, not NaN"),
         ("--exposure 0", "--exposure takes a number above 0, not 0"),
-        ("--integrator magic", "ris, reference"),
+        ("--integrator magic", "restir, restir-temporal, ris, reference"),
         ("--nonsense", "--nonsense"),
     ] {
         desk.refuses(&format!("render cornell -o p.png {arguments}"), Exit::Usage, &[words]);

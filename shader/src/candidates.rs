@@ -85,7 +85,8 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
     let of_table_and_sky = of_table + shares.environment;
     let total = of_table_and_sky + shares.bsdf;
     let group_rng = Rng::for_reservoir(px, reservoir, frame, Stage::GroupChoice);
-    let mut cheap: Stream<f32, (u32, u32, f32), Chooser> = Stream::new((0, 0, 0.0), Chooser::new(group_rng, frame.choice));
+    let mut cheap: Stream<f32, (u32, u32, f32), Chooser> =
+        Stream::new((0, 0, 0.0), Chooser::new(group_rng, frame.choice));
     let (mut group, mut first, mut drawn) = (0, 0, 0);
     let mut i = 0;
     while i < total {

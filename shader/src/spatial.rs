@@ -36,9 +36,7 @@ struct Present<'a, const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR
     chosen: Chosen,
 }
 
-impl<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>
-    Present<'_, TEXTURES, ENVIRONMENT, SPECULAR>
-{
+impl<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> Present<'_, TEXTURES, ENVIRONMENT, SPECULAR> {
     #[inline(always)]
     fn stored(&self, input: u32) -> Reservoir {
         if input == 0 {

@@ -42,9 +42,7 @@ struct Past<'a, const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: b
     chosen: Chosen,
 }
 
-impl<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>
-    Past<'_, TEXTURES, ENVIRONMENT, SPECULAR>
-{
+impl<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> Past<'_, TEXTURES, ENVIRONMENT, SPECULAR> {
     #[inline(always)]
     fn stored(&self, input: u32) -> Reservoir {
         if input == 0 {
@@ -84,8 +82,7 @@ impl<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> Inputs
     fn sample(&self, input: u32) -> (f32, Sample) {
         let (frame, prev_frame) = (self.frame, self.prev_frame);
         let stored = self.stored(input);
-        let mut sample =
-            Sample { light: stored.light, uv: stored.uv, now: LightPoint::NONE, before: LightPoint::NONE };
+        let mut sample = Sample { light: stored.light, uv: stored.uv, now: LightPoint::NONE, before: LightPoint::NONE };
         if !stored.has_sample() {
             return (0.0, sample);
         }
@@ -220,17 +217,8 @@ fn merged<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool, c
     let own = load(fresh, frame.index_of_reservoir(px, reservoir));
     let neighbors = find_past(px, reservoir, frame, prev_frame, scene, &surface, prev_surfaces);
     let chosen = Chosen::new(px, reservoir, frame, &own, neighbors, prev_reservoirs, true);
-    let inputs: Past<'_, TEXTURES, ENVIRONMENT, SPECULAR> = Past {
-        frame,
-        prev_frame,
-        scene: *scene,
-        surface,
-        prev_surfaces,
-        own,
-        prev_reservoirs,
-        reservoir,
-        chosen,
-    };
+    let inputs: Past<'_, TEXTURES, ENVIRONMENT, SPECULAR> =
+        Past { frame, prev_frame, scene: *scene, surface, prev_surfaces, own, prev_reservoirs, reservoir, chosen };
     let rng = Rng::for_reservoir(px, reservoir, frame, Stage::TemporalChoice);
     let mut sink = Collector::new(rng, frame.choice);
     let ended = if PAIRWISE {

@@ -162,11 +162,7 @@ pub fn pairwise<R: Real, I: Inputs<R>, K: Sink<R, I::Sample, I::Light>>(
 
 /// Merges by any [`form`]; pairwise ones too.
 #[inline(always)]
-pub fn merge<R: Real, I: Inputs<R>, K: Sink<R, I::Sample, I::Light>>(
-    inputs: &I,
-    form: u32,
-    sink: &mut K,
-) -> Merged<R> {
+pub fn merge<R: Real, I: Inputs<R>, K: Sink<R, I::Sample, I::Light>>(inputs: &I, form: u32, sink: &mut K) -> Merged<R> {
     if form == form::PAIRWISE_DEFENSIVE || form == form::PAIRWISE {
         return pairwise(inputs, form == form::PAIRWISE_DEFENSIVE, sink);
     }

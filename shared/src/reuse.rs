@@ -236,7 +236,8 @@ fn find_compatible(
                 let apart = sqrt((surface.position() - site.position).length_squared());
                 let cosine = max(site.normal.dot(surface.normal_geometric()), 1e-4);
                 // Logarithm of exp(-apart / spread) * cosine^8.
-                let score = exp2(-apart / (SPREAD * site.distance + 1e-30) * core::f32::consts::LOG2_E + 8.0 * log2(cosine));
+                let score =
+                    exp2(-apart / (SPREAD * site.distance + 1e-30) * core::f32::consts::LOG2_E + 8.0 * log2(cosine));
                 let key = -log2(rng.next_positive_float()) / max(score, 1e-8);
                 // The smallest keys stay: replace the largest once the list is full.
                 if found.count < wanted {

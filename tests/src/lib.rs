@@ -4,16 +4,11 @@ pub mod scenes;
 
 use weir::{
     executor::gpu::{AdapterChoice, Gpu},
-    packed::PackedScene,
-    render::{Request, Stop, frame_of},
+    render::{Request, Stop},
     scene::Camera,
     settings::Settings,
-    technique::ToneCurve,
+    technique::{Technique, ToneCurve},
 };
-
-pub use weir::render::facts_of as facts;
-
-use weir_shared::frame::Frame;
 
 /// The GPU that tests run on; without one, says so and returns nothing.
 ///
@@ -30,18 +25,25 @@ pub fn gpu_or_skip(test: &str) -> Option<Gpu> {
     }
 }
 
-/// The first `count` frames of an accumulation, with jitter and four candidates.
-pub fn frames(packed: &PackedScene, camera: &Camera, width: u32, height: u32, count: u32) -> Vec<Frame> {
-    let request = Request {
+/// A picture to ask for, by default knobs and then `knobs`.
+///
+/// # Panics
+/// If a knob does not exist or the knobs exclude each other.
+pub fn request(camera: &Camera, [width, height]: [u32; 2], technique: Technique, knobs: &[&str]) -> Request {
+    let mut settings = Settings::default();
+    for knob in knobs {
+        settings.apply(knob).expect("a knob");
+    }
+    settings.check().expect("knobs that go together");
+    Request {
         width,
         height,
         camera: *camera,
         seed: 7,
-        stop: Stop::Samples(count),
+        stop: Stop::Samples(1),
         curve: ToneCurve::default(),
         exposure: 1.0,
-        settings: Settings { candidates: 4, ..Settings::default() },
-    };
-    let first = frame_of(packed, &request);
-    (0..count).map(|i| Frame { index: i, accumulated: i, ..first }).collect()
+        technique,
+        settings,
+    }
 }

@@ -10,46 +10,74 @@ use weir::{
         gpu::{AdapterChoice, Gpu, GpuError, GpuExecutor, Loader, Module, adapters},
     },
     graph::{Facts, Plan},
-    packed::PackedScene,
-    scene::Scene,
-    technique::{ToneCurve, direct_light},
+    packed::{Moment, PackedScene},
+    render::{Request, facts_of},
+    scene::{Camera, Scene},
+    sequence::{Sequence, Shot},
+    technique::{Technique, ToneCurve, direct_light},
 };
 use weir_shader::{
     PASSES,
-    wiring::{Band, Buffers, Pass, Variant},
+    wiring::{Band, Buffers, Extent, Pass, Variant},
 };
-use weir_shared::{frame::Frame, moments::Moments};
-use weir_tests::{facts, frames, gpu_or_skip, scenes};
+use weir_shared::{frame::FramePair, moments::Moments};
+use weir_tests::{gpu_or_skip, request, scenes};
 
 const WIDTH: u32 = 61;
 const HEIGHT: u32 = 43;
 
-/// A packed scene, what its plan depends on, and three frames.
+/// A packed scene, what is drawn of it, and three frames.
 struct Case {
     packed: PackedScene,
+    request: Request,
     facts: Facts,
-    frames: Vec<Frame>,
+    frames: Vec<FramePair>,
 }
 
 impl Case {
-    fn new(scene: &Scene) -> Self {
-        let packed = PackedScene::new(scene, 0.0).expect("the scene fits");
+    fn new(scene: &Scene, technique: Technique, knobs: &[&str]) -> Self {
+        let mut packed = PackedScene::new(scene, 0.0).expect("the scene fits");
         let camera = scene.camera.expect("the scene has a camera");
         // Sizes that no tile divides: the guard of the entry points counts.
-        let frames = frames(&packed, &camera, WIDTH, HEIGHT, 3);
-        Self { facts: facts(&packed, WIDTH, HEIGHT), frames, packed }
+        let request = request(&camera, [WIDTH, HEIGHT], technique, knobs);
+        let facts = facts_of(&packed, WIDTH, HEIGHT, &request.settings);
+        let mut sequence = Sequence::new(&mut packed, request.clone());
+        // The scene stands still: its buffers are the same for all frames.
+        let shot = sequence.shot(0);
+        let frame = |i: u32| {
+            let mut frames = sequence.next(&shot).expect("the first moment again").0;
+            frames.now.accumulated = i;
+            frames
+        };
+        let frames = (0..3).map(frame).collect();
+        Self { packed, request, facts, frames }
     }
 
     fn plan(&self, outputs: &[&'static str]) -> Plan {
-        direct_light(&self.facts, ToneCurve::Agx, outputs).expect("the frame has a plan")
+        let Request { technique, settings, .. } = &self.request;
+        direct_light(*technique, settings, &self.facts, ToneCurve::Agx, outputs).expect("the frame has a plan")
     }
 
-    fn check(&self, gpu: &Gpu, passes: &'static [Pass], loader: Loader, module: Module) -> Report {
-        let what = Check { passes, facts: &self.facts, curve: ToneCurve::Agx, loader, module };
-        let report = check(gpu, &what, self.packed.buffers(), &self.frames).expect("the GPU works");
-        println!("{report}");
+    /// Three frames, in which the camera and what can move do.
+    fn check(&mut self, gpu: &Gpu, passes: &'static [Pass], loader: Loader, module: Module) -> Report {
+        let Request { technique, settings, camera, .. } = self.request.clone();
+        let curve = ToneCurve::Agx;
+        let what = Check { passes, technique, settings: &settings, facts: &self.facts, curve, loader, module };
+        let mut sequence = Sequence::new(&mut self.packed, self.request.clone());
+        let shots: Vec<Shot> = (0..3u32)
+            .map(|i| {
+                let origin = camera.origin + camera.up * 0.02 * i as f32;
+                Shot {
+                    moment: Moment { time_s: 0.1 * i as f32, ..Moment::default() },
+                    camera: Camera { origin, ..camera },
+                }
+            })
+            .collect();
+        let report = check(gpu, &what, &mut sequence, &shots).expect("the GPU works");
+        println!("{knobs:?}\n{report}", knobs = settings.describe());
         assert_eq!(report.frames, 3);
-        assert!(report.rows.iter().all(|row| row.pixels == 3 * u64::from(WIDTH * HEIGHT)), "{report}");
+        let of_image = 3 * u64::from(WIDTH * HEIGHT);
+        assert!(report.rows.iter().all(|row| row.pixels.is_multiple_of(of_image) && row.pixels > 0), "{report}");
         report
     }
 
@@ -63,8 +91,40 @@ impl Case {
     }
 }
 
-fn cases() -> [Case; 2] {
-    [Case::new(&scenes::cornell()), Case::new(&scenes::variety())]
+/// The box without reuse.
+fn plain_case() -> Case {
+    Case::new(&scenes::cornell(), Technique::Candidates, &["candidates.count=4"])
+}
+
+/// Every pass, and every knob that changes what one computes, at least once.
+fn cases() -> Vec<Case> {
+    let variety = scenes::variety();
+    let of_variety = |technique, knobs: &[&str]| Case::new(&variety, technique, knobs);
+    vec![
+        plain_case(),
+        Case::new(&scenes::cornell(), Technique::RealTime, &["rays=quality", "shade.sum=off"]),
+        of_variety(Technique::Candidates, &["candidates.source=uniform", "candidates.count=2"]),
+        of_variety(Technique::Still, &["rays=quality", "candidates.bsdf=1", "reuse.radius=6"]),
+        of_variety(Technique::RealTime, &["candidates.bsdf=1", "candidates.count=2", "target.occlusion=screen"]),
+        of_variety(
+            Technique::RealTime,
+            &[
+                "rays=quality",
+                "reservoirs.count=2",
+                "spatial.rounds=2",
+                "reuse.rule=compatible",
+                "reservoirs.choice=keys",
+            ],
+        ),
+        of_variety(
+            Technique::RealTime,
+            &["rays=speed", "reuse.mis=1/z", "spatial.rounds=1", "reuse.rule=paired", "candidates.full=2"],
+        ),
+        of_variety(
+            Technique::RealTime,
+            &["rays=both", "reuse.mis=balance", "reuse.resolution=checkerboard", "reservoirs.choice=plain"],
+        ),
+    ]
 }
 
 /// Division and square root are exact in software; Vulkan allows hardware to be off by 2.5 units in the last place.
@@ -75,7 +135,7 @@ fn rounds_exactly(gpu: &Gpu) -> bool {
 #[test]
 fn every_pass_of_the_strict_module_equals_the_host_bit_by_bit() {
     let Some(gpu) = gpu_or_skip("every_pass_of_the_strict_module_equals_the_host_bit_by_bit") else { return };
-    for case in cases() {
+    for mut case in cases() {
         let report = case.check(&gpu, PASSES, Loader::Passthrough, Module::Strict);
         if rounds_exactly(&gpu) {
             assert!(report.is_equal(), "{report}");
@@ -95,7 +155,7 @@ fn assert_close(report: &Report) {
 #[test]
 fn every_pass_of_the_plain_module_is_close_to_the_host_on_either_loader() {
     let Some(gpu) = gpu_or_skip("every_pass_of_the_plain_module_is_close_to_the_host_on_either_loader") else { return };
-    for case in cases() {
+    for mut case in cases().into_iter().step_by(3) {
         assert_close(&case.check(&gpu, PASSES, Loader::Naga, Module::Plain));
         if gpu.has_passthrough() {
             assert_close(&case.check(&gpu, PASSES, Loader::Passthrough, Module::Plain));
@@ -106,11 +166,12 @@ fn every_pass_of_the_plain_module_is_close_to_the_host_on_either_loader() {
 const PLANTED: [u32; 2] = [5, 9];
 
 /// `accumulate`, with the last bit of one word of one pixel turned.
-fn wrong_accumulate(frame: &Frame, band: Band, mut buffers: Buffers) {
+fn wrong_accumulate(frames: &FramePair, band: Band, mut buffers: Buffers) {
+    let frame = &frames.now;
     let color: &[Vec4] = buffers.read();
     let prev_moments: &[Moments] = buffers.read();
     let moments: &mut [Moments] = buffers.write();
-    band.for_each_pixel(frame, |i, px| {
+    band.for_each(Extent::Pixels, frame, |i, px, _| {
         moments[i] = weir_shader::accumulate::accumulate(px, frame, color, prev_moments);
         if px.to_array() == PLANTED {
             moments[i].mean[1] = f32::from_bits(moments[i].mean[1].to_bits() ^ 1);
@@ -121,6 +182,7 @@ fn wrong_accumulate(frame: &Frame, band: Band, mut buffers: Buffers) {
 fn passes_with_a_difference() -> &'static [Pass] {
     let copied = PASSES.iter().map(|pass| Pass {
         name: pass.name,
+        extent: pass.extent,
         features: pass.features,
         bindings: pass.bindings,
         variants: match pass.name {
@@ -139,7 +201,7 @@ fn a_bit_turned_in_one_pixel_of_one_host_kernel_is_found_and_blamed_on_that_pass
     let name = "a_bit_turned_in_one_pixel_of_one_host_kernel_is_found_and_blamed_on_that_pass_alone";
     let Some(gpu) = gpu_or_skip(name) else { return };
     let module = if rounds_exactly(&gpu) { Module::Strict } else { Module::Plain };
-    let report = Case::new(&scenes::cornell()).check(&gpu, passes_with_a_difference(), Loader::Auto, module);
+    let report = plain_case().check(&gpu, passes_with_a_difference(), Loader::Auto, module);
     assert!(!report.is_equal());
     let row = report.rows.iter().find(|row| row.pass == "accumulate").expect("the pass is in the report");
     if rounds_exactly(&gpu) {
@@ -204,7 +266,7 @@ fn both_loaders_draw_the_same_picture() {
 fn a_moved_scene_draws_the_same_whether_it_is_updated_or_uploaded_anew() {
     let name = "a_moved_scene_draws_the_same_whether_it_is_updated_or_uploaded_anew";
     let Some(gpu) = gpu_or_skip(name) else { return };
-    let mut case = Case::new(&scenes::variety());
+    let mut case = Case::new(&scenes::variety(), Technique::Candidates, &[]);
     let plan = case.plan(&["display"]);
     let mut updated = case.on_gpu(&gpu, &plan, Loader::Auto, Module::Plain);
     let before = updated.read("display").expect("the GPU works");
@@ -231,7 +293,7 @@ fn a_moved_scene_draws_the_same_whether_it_is_updated_or_uploaded_anew() {
 fn losing_the_gpu_between_frames_is_an_error_and_a_new_one_can_be_opened() {
     let name = "losing_the_gpu_between_frames_is_an_error_and_a_new_one_can_be_opened";
     let Some(gpu) = gpu_or_skip(name) else { return };
-    let case = Case::new(&scenes::cornell());
+    let case = plain_case();
     let plan = case.plan(&["display"]);
     let mut executor = case.on_gpu(&gpu, &plan, Loader::Auto, Module::Plain);
     executor.run(&case.frames[0]).expect("the GPU still works");
@@ -254,26 +316,30 @@ fn losing_the_gpu_between_frames_is_an_error_and_a_new_one_can_be_opened() {
 fn a_buffer_that_the_gpu_cannot_bind_is_named_with_its_size_and_the_way_out() {
     let name = "a_buffer_that_the_gpu_cannot_bind_is_named_with_its_size_and_the_way_out";
     let Some(gpu) = gpu_or_skip(name) else { return };
-    let case = Case::new(&scenes::cornell());
+    let case = plain_case();
     let huge = Facts { width: 32_768, height: 32_768, ..case.facts.clone() };
-    let plan = direct_light(&huge, ToneCurve::Agx, &["display"]).expect("the frame has a plan");
+    let huge = Case { facts: huge, ..case };
+    let plan = huge.plan(&["display"]);
+    let case = huge;
     let refused = GpuExecutor::new(&gpu, &plan, case.packed.buffers(), Loader::Auto, Module::Plain);
     let message = refused.map(drop).expect_err("no GPU has so much").to_string();
-    assert!(message.starts_with("`emitted` of 32768x32768 pixels needs 17180 MB in one buffer, `"), "{message}");
+    assert!(message.starts_with("`surfaces` of 32768x32768 pixels needs 51540 MB in one buffer, `"), "{message}");
     assert!(message.ends_with("; render at a smaller size or use --backend cpu"), "{message}");
 }
 
 #[test]
 fn frames_of_another_size_and_outputs_nobody_asked_for_are_refused() {
     let Some(gpu) = gpu_or_skip("frames_of_another_size_and_outputs_nobody_asked_for_are_refused") else { return };
-    let case = Case::new(&scenes::cornell());
+    let case = plain_case();
     let plan = case.plan(&["display"]);
     let buffers = case.packed.buffers();
     let mut executor =
         GpuExecutor::new(&gpu, &plan, buffers, Loader::Auto, Module::Plain).expect("the plan fits the GPU");
     let early = executor.read("display").map(drop);
     assert!(matches!(early, Err(GpuError::NoOutput(_))), "{early:?}");
-    let wider = executor.run(&Frame { width: WIDTH + 1, ..case.frames[0] });
+    let mut wider = case.frames[0];
+    wider.now.width += 1;
+    let wider = executor.run(&wider);
     assert!(matches!(wider, Err(GpuError::FrameSize { .. })), "{wider:?}");
     executor.run(&case.frames[0]).expect("the GPU works");
     let unasked = executor.read("color").map(drop);
@@ -287,7 +353,7 @@ fn every_pass_has_a_time_where_the_gpu_has_a_clock() {
         eprintln!("SKIPPED: every_pass_has_a_time_where_the_gpu_has_a_clock: `{}` has none", gpu.facts.name);
         return;
     }
-    let case = Case::new(&scenes::cornell());
+    let case = plain_case();
     let plan = case.plan(&["display"]);
     let mut executor = case.on_gpu(&gpu, &plan, Loader::Auto, Module::Plain);
     executor.finish().expect("the GPU works");

@@ -6,7 +6,7 @@ use weir::{
     render::{Backend, Rendered, Request, Stop, render, render_reference},
     scene::{Scene, builtin},
     settings::Settings,
-    technique::ToneCurve,
+    technique::{Technique, ToneCurve},
 };
 use weir_tests::scenes::variety;
 
@@ -32,6 +32,7 @@ fn request(scene: &Scene, samples: u32, seed: u32, knobs: &[&str]) -> Request {
         stop: Stop::Samples(samples),
         curve: ToneCurve::Clip,
         exposure: 1.0,
+        technique: Technique::Candidates,
         settings,
     }
 }

@@ -103,7 +103,8 @@ impl GpuExecutor {
     /// # Errors
     /// If the frame is not of the plan's size, or if the device fails; an earlier frame's failure can show here.
     pub fn run(&mut self, frames: &FramePair) -> Result<(), GpuError> {
-        let [frame_size, plan_size] = [[frames.now.width, frames.now.height], [self.plan.facts.width, self.plan.facts.height]];
+        let [frame_size, plan_size] =
+            [[frames.now.width, frames.now.height], [self.plan.facts.width, self.plan.facts.height]];
         if frame_size != plan_size {
             return Err(GpuError::FrameSize { frame: frame_size, plan: plan_size });
         }

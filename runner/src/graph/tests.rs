@@ -1,14 +1,13 @@
 use weir_shader::wiring::{Band, Binding, Buffers};
-use weir_shared::frame::Frame;
 
 use super::*;
 
-fn nothing(_: &Frame, _: Band, _: Buffers) {}
+fn nothing(_: &FramePair, _: Band, _: Buffers) {}
 
 const MAIN: &[Variant] = &[Variant { entry_point: "entry::main", run: nothing }];
 
 const fn pass(name: &'static str, bindings: &'static [Binding]) -> Pass {
-    Pass { name, features: &[], variants: MAIN, bindings }
+    Pass { name, extent: Extent::Pixels, features: &[], variants: MAIN, bindings }
 }
 
 const PASSES: &[Pass] = &[
@@ -34,7 +33,7 @@ const RESOURCES: &[Resource] = &[
 ];
 
 fn facts() -> Facts {
-    Facts { width: 4, height: 2, has: vec![Need::Lights], features: Vec::new() }
+    Facts { width: 4, height: 2, reservoirs: 3, has: vec![Need::Lights], features: Vec::new() }
 }
 
 fn plan_of(names: &[&'static str], outputs: &[&'static str]) -> Result<Plan, GraphError> {
@@ -115,4 +114,52 @@ fn hazards_are_errors_in_words() {
     let none = Facts { width: 0, ..facts() };
     let error = plan(&[step("make")], PASSES, RESOURCES, &none, &["a"]).expect_err("no pixels");
     assert!(error.to_string().contains("0x2"), "{error}");
+}
+
+#[test]
+fn a_pass_that_is_repeated_writes_resources_of_its_own_each_time() {
+    let steps = [step("make"), step("blur").with("b", "c"), step("blur").with("a", "c").with("b", "d").round(1)];
+    let plan = plan(&steps, PASSES, RESOURCES, &facts(), &["d"]).expect("a plan");
+    assert_eq!(plan.pass_names(), ["make", "blur", "blur"]);
+    assert_eq!(plan.steps[2].names, ["c", "d"]);
+    assert_eq!((plan.rounds(), plan.steps[2].round), (2, 1));
+    // a and d share a buffer; c, alive beside both, has its own.
+    assert_eq!(plan.pool, [32, 32]);
+    assert!(plan.to_string().contains("(round 2)"));
+    let twice = [step("make"), step("blur"), step("blur")];
+    let error = super::plan(&twice, PASSES, RESOURCES, &facts(), &["b"]).expect_err("b has two writers");
+    assert!(matches!(error, GraphError::TwoWriters { name: "b", .. }));
+}
+
+#[test]
+fn a_step_that_the_settings_leave_out_says_why_and_reads_as_zeros() {
+    let steps = [step("make"), step("blur").only_if(false, "`blur.size` is 0"), step("tint")];
+    let plan = plan(&steps, PASSES, RESOURCES, &facts(), &["c"]).expect("a plan");
+    assert_eq!(plan.pass_names(), ["tint"]);
+    assert_eq!(plan.steps[0].slots[0].1, Slot::Zero);
+    assert!(plan.to_string().contains("left out: `blur.size` is 0"));
+}
+
+#[test]
+fn a_buffer_has_an_element_for_each_reservoir_if_its_pass_runs_for_each() {
+    const EACH: &[Pass] = &[Pass {
+        name: "each",
+        extent: Extent::Reservoirs,
+        features: &[],
+        variants: MAIN,
+        bindings: &[Binding::write::<u32>("r")],
+    }];
+    let resources = [Resource::reservoirs::<u32>("r", Life::Transient)];
+    let plan = plan(&[step("each")], EACH, &resources, &facts(), &["r"]).expect("a plan");
+    assert_eq!((plan.pool.as_slice(), plan.output_bytes("r")), (&[4 * 8 * 3][..], Some(96)));
+    let resources = [Resource::new::<u32>("r", Life::Transient)];
+    let error = super::plan(&[step("each")], EACH, &resources, &facts(), &["r"]).expect_err("extents differ");
+    assert_eq!(error.to_string(), "pass `each` writes `r` once for each reservoir, the resource table says each pixel");
+}
+
+#[test]
+fn history_that_nobody_asks_for_is_not_doubled() {
+    let resources = [Resource::new::<u32>("scene", Life::Scene), Resource::new::<u32>("a", Life::History)];
+    let plan = plan(&[step("make")], PASSES, &resources, &facts(), &["a"]).expect("a plan");
+    assert_eq!((plan.history.len(), plan.pool.as_slice()), (0, &[32][..]));
 }

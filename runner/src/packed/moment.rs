@@ -116,8 +116,7 @@ impl PackedScene {
     /// If an instance does not exist, is drawn twice or has a transform without an inverse.
     pub fn advance(&mut self, moment: &Moment) -> Result<Vec<Changed>, PackError> {
         let same = self.dynamics.shown.as_ref().is_some_and(|shown| {
-            shown == moment
-                || (!self.moves() && Moment { time_s: moment.time_s, ..shown.clone() } == *moment)
+            shown == moment || (!self.moves() && Moment { time_s: moment.time_s, ..shown.clone() } == *moment)
         });
         if same {
             return Ok(Vec::new());
@@ -205,9 +204,8 @@ impl PackedScene {
     /// Tells every instance of both blocks which one it is in the other.
     fn link(&mut self, half: usize, drawn: &[u32]) {
         let (words, block_words) = (instance_record::WORDS as usize, self.dynamics.capacity.record_words());
-        let counterpart_at = |half: usize, slot: usize| {
-            half * block_words + slot * words + instance_record::COUNTERPART as usize
-        };
+        let counterpart_at =
+            |half: usize, slot: usize| half * block_words + slot * words + instance_record::COUNTERPART as usize;
         let mut slots = vec![NO_INSTANCE; self.dynamics.top.len()];
         for (slot, &instance) in self.dynamics.drawn.iter().enumerate() {
             slots[instance as usize] = slot as u32;

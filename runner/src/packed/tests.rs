@@ -4,7 +4,7 @@ use weir_shared::{
     light,
     ray::{FAR, Hit, Ray},
     rng::pcg4d,
-    scene::Scene as SceneView,
+    scene::{Scene as SceneView, instance_record},
     triangle::ShearedRay,
 };
 
@@ -143,7 +143,7 @@ fn instances_are_found_where_they_stand_and_mirrored_lights_keep_their_front() {
 impl PackedScene {
     /// Word of a triangle's material.
     fn records_attribute(&self, instance: u32, triangle: u32) -> usize {
-        let at = (instance * instance_record::WORDS) as usize;
+        let at = (self.frame.instances_at + instance * instance_record::WORDS) as usize;
         let local = triangle - self.records[at + instance_record::FIRST_TRIANGLE as usize];
         let flags = self.records[at + instance_record::FLAGS as usize];
         (self.records[at + instance_record::ATTRIBUTES_AT as usize]
@@ -238,4 +238,89 @@ fn coincident_and_wildly_different_triangles_still_build() {
     let packed = PackedScene::new(&scene, 0.0).expect("packs");
     let ray = Ray { origin: Vec3::new(0.1, 0.1, 1.0), direction: -Vec3::Z, t_max: FAR };
     assert!(!closest_hit::<false, false>(&packed.frame, &view(&packed), &packed.bvh, &ray).is_miss());
+}
+
+/// Twenty instances of a soup in a row.
+fn row_of_soups() -> Scene {
+    let mut scene = soup(300);
+    let place = |i: i32| Mat4::from_translation(Vec3::X * 4.0 * i as f32);
+    scene.instances =
+        (0..20).map(|i| Instance { mesh: 0, world_from_object: place(i), motion: Motion::Still }).collect();
+    scene
+}
+
+#[test]
+fn light_ids_translate_both_ways_when_instances_come_go_and_change_order() {
+    let scene = row_of_soups();
+    let first = Moment::default();
+    let second = Moment { drawn: Some(vec![7, 3, 19, 0]), ..Moment::default() };
+    let mut packed = PackedScene::dynamic(&scene, &first).expect("packs");
+    let prev = packed.frame;
+    assert!(packed.advance(&first).expect("the same").is_empty());
+    assert!(!packed.advance(&second).expect("exists").is_empty());
+    let now = packed.frame;
+    assert_eq!((prev.light_count, now.light_count), (600, 120));
+    let view = view(&packed);
+    for (position, instance) in [7u32, 3, 19, 0].into_iter().enumerate() {
+        for local in [0, 1, 29] {
+            let (before, after) = (instance * 30 + local, position as u32 * 30 + local);
+            assert_eq!(light::translate(&now, &prev, &view, after), before);
+            assert_eq!(light::translate(&prev, &now, &view, before), after);
+            // The same point of the world under both ids.
+            let [a, b] = [(&prev, before), (&now, after)]
+                .map(|(frame, id)| light::evaluate::<false, false>(frame, &view, id, 0x1234_5678).position);
+            assert_eq!(a, b);
+        }
+    }
+    assert_eq!(light::translate(&prev, &now, &view, 5 * 30), light::NO_LIGHT);
+    // Back again: the blocks have changed places.
+    packed.advance(&first).expect("exists");
+    let third = packed.frame;
+    let view = self::view(&packed);
+    assert_eq!(third.instances_at, prev.instances_at);
+    assert_eq!(light::translate(&third, &now, &view, 19 * 30 + 4), 2 * 30 + 4);
+    assert_eq!(light::translate(&third, &now, &view, 5 * 30), light::NO_LIGHT);
+}
+
+#[test]
+fn moments_move_scale_and_dim_instances_and_refuse_what_is_not_there() {
+    let scene = row_of_soups();
+    let mut packed = PackedScene::dynamic(&scene, &Moment::default()).expect("packs");
+    let place = Mat4::from_scale_rotation_translation(Vec3::splat(3.0), glam::Quat::IDENTITY, Vec3::Y);
+    let moment =
+        Moment { emission: vec![(2, Vec3::new(0.5, 0.0, 2.0))], placed: vec![(2, place)], ..Moment::default() };
+    packed.advance(&moment).expect("exists");
+    let view = view(&packed);
+    let [still, moved] = [1, 2].map(|i| light::evaluate::<false, false>(&packed.frame, &view, i * 30, 0));
+    assert_eq!(moved.radiance, still.radiance * Vec3::new(0.5, 0.0, 2.0));
+    assert!((moved.jacobian / still.jacobian - 9.0).abs() < 1e-4);
+    for drawn in [vec![20], vec![3, 3]] {
+        let refused = packed.advance(&Moment { drawn: Some(drawn), ..Moment::default() });
+        assert!(matches!(refused, Err(PackError::NoInstance(_))));
+    }
+    // All gone: nothing to hit, no light.
+    packed.advance(&Moment { drawn: Some(Vec::new()), ..Moment::default() }).expect("an empty scene");
+    assert_eq!((packed.frame.light_count, packed.frame.instance_count), (0, 0));
+    let ray = Ray { origin: Vec3::ZERO, direction: Vec3::X, t_max: FAR };
+    assert!(closest_hit::<false, true>(&packed.frame, &self::view(&packed), &packed.bvh, &ray).is_miss());
+}
+
+#[test]
+fn the_probability_of_a_light_is_the_one_it_is_picked_with_and_hits_know_their_light() {
+    let packed = PackedScene::new(&row_of_soups(), 0.0).expect("packs");
+    let (view, frame) = (view(&packed), packed.frame);
+    for by_power in [0, 1] {
+        let frame = Frame { pick_by_power: by_power, ..frame };
+        for i in 0..2_000 {
+            let picked = light::pick(&frame, &view, &packed.lights, pcg4d(i, 1, 2, 3));
+            assert_eq!(picked.pmf, light::pmf(&frame, &view, &packed.lights, picked.light));
+            let place = light::find(&frame, &view, picked.light);
+            assert_eq!((place.instance, place.triangle), (picked.place.instance, picked.place.triangle));
+            let hit = Hit { t: 1.0, u: 0.0, v: 0.0, triangle: place.triangle, instance: place.instance };
+            assert_eq!(light::of_hit(&frame, &view, &hit), picked.light);
+        }
+    }
+    let dark = Hit { t: 1.0, u: 0.0, v: 0.0, triangle: 0, instance: 0 };
+    let lights: Vec<u32> = (0..300).map(|t| light::of_hit(&frame, &view, &Hit { triangle: t, ..dark })).collect();
+    assert_eq!(lights.iter().filter(|&&l| l == light::NO_LIGHT).count(), 270);
 }

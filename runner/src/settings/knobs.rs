@@ -62,8 +62,7 @@ fn text(value: impl Display) -> String {
 
 const SOURCES: &[(&str, bool)] = &[("power", true), ("uniform", false)];
 const SWITCH: &[(&str, bool)] = &[("on", true), ("off", false)];
-const CHOICES: &[(&str, u32)] =
-    &[("threshold", choice::THRESHOLD), ("plain", choice::PLAIN), ("keys", choice::KEYS)];
+const CHOICES: &[(&str, u32)] = &[("threshold", choice::THRESHOLD), ("plain", choice::PLAIN), ("keys", choice::KEYS)];
 const RAYS: &[(&str, Rays)] = &[
     ("speed", Rays::Speed),
     ("balanced", Rays::Balanced),
@@ -81,8 +80,7 @@ const FORMS: &[(&str, u32)] = &[
     ("1/z", form::ONE_OVER_Z),
     ("1/m", form::ONE_OVER_M),
 ];
-const RULES: &[(&str, u32)] =
-    &[("disk", rule::DISK), ("compatible", rule::COMPATIBLE), ("paired", rule::PAIRED)];
+const RULES: &[(&str, u32)] = &[("disk", rule::DISK), ("compatible", rule::COMPATIBLE), ("paired", rule::PAIRED)];
 const OCCLUSIONS: &[(&str, u32)] = &[("none", occlusion::NONE), ("screen", occlusion::SCREEN)];
 const LATTICES: &[(&str, u32)] =
     &[("full", lattice::FULL), ("checkerboard", lattice::CHECKERBOARD), ("half", lattice::HALF)];
@@ -97,7 +95,13 @@ pub const KNOBS: &[Knob] = &[
                32 candidates, 3 neighbours within 30 pixels, 20 frames of history. Default balanced",
         set: |s, text| {
             let Some(preset) = Preset::ALL.into_iter().find(|p| p.name() == text) else { return false };
-            *s = Settings { jitter: s.jitter, path_length: s.path_length, time_s: s.time_s, time_step_s: s.time_step_s, ..preset.settings() };
+            *s = Settings {
+                jitter: s.jitter,
+                path_length: s.path_length,
+                time_s: s.time_s,
+                time_step_s: s.time_step_s,
+                ..preset.settings()
+            };
             true
         },
         get: |_| String::new(),

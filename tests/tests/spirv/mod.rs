@@ -150,6 +150,12 @@ impl<'a> Reader<'a> {
         (0..).zip(types).map(member).collect()
     }
 
+    /// Offset and type of every member of a structure.
+    pub fn member_types(&self, structure: u32) -> Vec<(u32, u32)> {
+        let types = self.definitions[&structure].operands.iter().filter_map(Operand::id_ref_any);
+        (0..).zip(types).map(|(i, id)| (self.offsets.get(&(structure, i)).copied().unwrap_or(u32::MAX), id)).collect()
+    }
+
     /// A type in the words of Rust; vectors as `f32x3`.
     fn shape(&self, id: u32) -> String {
         let definition = self.definitions[&id];
