@@ -5,6 +5,7 @@
 
 mod choices;
 mod fuzz;
+mod neighbors;
 mod planted;
 mod unbiased;
 mod walk;

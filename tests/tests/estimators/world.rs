@@ -285,7 +285,7 @@ impl Means {
     /// weights are not known before the choice.
     pub fn error(&self, here: &Domain, rule: &Rule, found: [bool; LIGHTS]) -> f64 {
         let mut worst = (self.chance - 1.0).abs();
-        for light in 0..LIGHTS {
+        for (light, &is_found) in found.iter().enumerate() {
             let seen = rule.probe == Probe::None || here.visible[light];
             let mut compare = |mean: f64, expected: f64| {
                 worst = worst.max(match expected {
@@ -295,7 +295,7 @@ impl Means {
                 });
                 assert!(mean.is_finite(), "{self:?}");
             };
-            let exists = seen && found[light] && here.target[light] > 0.0;
+            let exists = seen && is_found && here.target[light] > 0.0;
             compare(self.ucw[light], f64::from(u8::from(exists)));
             if !is_weighed_after(rule.form) {
                 compare(self.sum[light], if exists { light_of(here, light) } else { 0.0 });
