@@ -31,7 +31,8 @@ impl Collector {
     }
 
     /// The merged reservoir, and reflected radiance as the sum over the inputs of m f W (Rao-Blackwell: what the choice
-    /// of one sample would give on average).
+    /// of one sample would give on average). Forms that weigh after the choice give the sum a wrong colour; who shades
+    /// by it takes another.
     #[inline(always)]
     pub fn finish(&self, frame: &Frame, own: &Reservoir, merged: &Merged<f32>) -> (Reservoir, Vec4) {
         let (light, uv) = self.stream.kept();

@@ -60,7 +60,8 @@ impl<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> Inputs
 
     #[inline(always)]
     fn confidence(&self, input: u32) -> f32 {
-        self.chosen.confidence(input) as f32
+        let Self { chosen, frame, own, merging, reservoir, .. } = self;
+        chosen.confidence(*reservoir, frame, own, merging, false, input) as f32
     }
 
     #[inline(always)]

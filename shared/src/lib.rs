@@ -3,6 +3,7 @@
 //! Everything here compiles for the host and, through rust-gpu, for SPIR-V, from the same source. Buffers are
 //! slices of `u32`, `f32` and 16-byte vectors; there are no pointers into them, only indices.
 #![cfg_attr(target_arch = "spirv", no_std)]
+#![expect(clippy::too_many_arguments, reason = "a function that runs on the GPU names every buffer that it reads")]
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "not-a-number must take the branch of what is out of range")]
 
 pub mod alias;

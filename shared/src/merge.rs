@@ -87,7 +87,8 @@ fn share<R: Real>(a: R, b: R) -> R {
 ///
 /// With C the sum of confidences, D that without the canonical one's c, and p̂ the targets (the canonical without
 /// index): input i has m_i = c_i/C · D p̂_i / (D p̂_i + c p̂), and the canonical one
-/// c/C + sum of c_i/C · c p̂ / (D p̂_i + c p̂). Not defensive: D in place of C, and no first term.
+/// c/C + sum of c_i/C · c p̂ / (D p̂_i + c p̂). Not defensive: D in place of C, and no first term. The canonical input
+/// must have a confidence above zero, as every fresh reservoir has: it alone is compared with all others.
 #[inline(always)]
 pub fn pairwise<R: Real, I: Inputs<R>, K: Sink<R, I::Sample, I::Light>>(
     inputs: &I,

@@ -21,14 +21,18 @@ pub fn pack(n: Vec3) -> u32 {
 
 /// Inverse of [`pack`]; of length 1 to rounding for every input.
 pub fn unpack(bits: u32) -> Vec3 {
+    let n = unpack_direction(bits);
+    n * (1.0 / sqrt(n.length_squared()))
+}
+
+/// The direction of [`unpack`] in a length between 0.57 and 1, without square root and division.
+#[inline(always)]
+pub fn unpack_direction(bits: u32) -> Vec3 {
     let u = coordinate(bits & 0xffff);
     let v = coordinate(bits >> 16);
     let z = 1.0 - abs(u) - abs(v);
     let fold = max(-z, 0.0);
-    let x = u - fold * sign(u);
-    let y = v - fold * sign(v);
-    let scale = 1.0 / sqrt(x * x + y * y + z * z);
-    Vec3::new(x * scale, y * scale, z * scale)
+    Vec3::new(u - fold * sign(u), v - fold * sign(v), z)
 }
 
 #[inline(always)]
@@ -44,7 +48,7 @@ fn snorm16(x: f32) -> u32 {
 
 #[inline(always)]
 fn coordinate(code: u32) -> f32 {
-    (code as f32 - 32_767.0) / 32_767.0
+    (code as f32 - 32_767.0) * (1.0 / 32_767.0)
 }
 
 #[cfg(test)]

@@ -2,11 +2,12 @@
 //! picture would be biased.
 
 use core::f32::consts::TAU;
-use glam::{UVec2, Vec3};
+use glam::{UVec2, UVec4, Vec3};
 
 use crate::{
     frame::Frame,
-    numerics::{abs, exp2, floor, load, log2, max, multiply_high, sin_cos, sqrt},
+    numerics::{abs, exp2, load, log2, max, multiply_high, sin_cos, sqrt},
+    octahedral,
     reservoir::{MAX_INPUTS, Reservoir},
     rng::{Rng, Stage},
     scene::{NO_INSTANCE, Scene, instance_record},
@@ -46,45 +47,89 @@ pub mod lattice {
     pub const HALF: u32 = 2;
 }
 
-/// Points of the plane that fill a square evenly, whatever their number. Source: Roberts 2018, "The Unreasonable
-/// Effectiveness of Quasirandom Sequences".
-const R2: [f32; 2] = [0.754_877_7, 0.569_840_3];
+/// Steps of a sequence that fills a square evenly, the second as an angle: 0.56984 of a turn. Source: Roberts 2018, "The
+/// Unreasonable Effectiveness of Quasirandom Sequences".
+const R2_AREA: f32 = 0.754_877_7;
+const R2_COSINE: f32 = -0.905_205_3;
+const R2_SINE: f32 = -0.424_963_1;
 
-/// Pixels to take reservoirs from, none of them twice in the same role; at most one less than [`MAX_INPUTS`].
+/// Eight words, told apart by selection: graphics drivers unroll loops over a local array into thousands of
+/// instructions.
+#[derive(Clone, Copy)]
+struct Words {
+    low: UVec4,
+    high: UVec4,
+}
+
+impl Words {
+    const ZERO: Self = Self { low: UVec4::ZERO, high: UVec4::ZERO };
+
+    #[inline(always)]
+    fn get(&self, i: u32) -> u32 {
+        let four = if i < 4 { self.low } else { self.high };
+        let two = if i & 2 == 0 { [four.x, four.y] } else { [four.z, four.w] };
+        if i & 1 == 0 { two[0] } else { two[1] }
+    }
+
+    #[inline(always)]
+    fn set(&mut self, i: u32, word: u32) {
+        let pick = |old: u32, place: u32| if i == place { word } else { old };
+        let (low, high) = (self.low, self.high);
+        self.low = UVec4::new(pick(low.x, 0), pick(low.y, 1), pick(low.z, 2), pick(low.w, 3));
+        self.high = UVec4::new(pick(high.x, 4), pick(high.y, 5), pick(high.z, 6), pick(high.w, 7));
+    }
+}
+
+/// Pixels to take reservoirs from; at most one less than [`MAX_INPUTS`]. They lie within 127 pixels of the first pixel
+/// asked about.
 #[derive(Clone, Copy)]
 pub struct Neighbors {
     /// How many.
     pub count: u32,
-    pixels: [u32; MAX_INPUTS as usize],
+    center: UVec2,
+    /// Two offsets from the center each, of two signed bytes.
+    offsets: Words,
 }
 
 impl Neighbors {
-    /// None yet.
+    /// None yet, of those around `center`.
     #[inline(always)]
-    pub fn new() -> Self {
-        Self { count: 0, pixels: [0; MAX_INPUTS as usize] }
+    pub fn around(center: UVec2) -> Self {
+        Self { count: 0, center, offsets: Words::ZERO }
     }
 
     /// Neighbour number `i`.
     #[inline(always)]
     pub fn get(&self, i: u32) -> UVec2 {
-        let packed = self.pixels[(i % MAX_INPUTS) as usize];
-        UVec2::new(packed & 0xffff, packed >> 16)
+        let offset = self.offsets.get(i >> 1) >> ((i & 1) * 16);
+        let (x, y) = (offset & 0xff, (offset >> 8) & 0xff);
+        UVec2::new(
+            self.center.x.wrapping_add(x).wrapping_sub(OFFSET_BIAS),
+            self.center.y.wrapping_add(y).wrapping_sub(OFFSET_BIAS),
+        )
     }
 
-    /// One more.
+    /// One more; nothing if there is no room.
     #[inline(always)]
     pub fn push(&mut self, px: UVec2) {
-        self.pixels[(self.count % MAX_INPUTS) as usize] = px.x | (px.y << 16);
-        self.count += 1;
+        if self.count + 1 < MAX_INPUTS {
+            self.set(self.count, px);
+            self.count += 1;
+        }
+    }
+
+    #[inline(always)]
+    fn set(&mut self, i: u32, px: UVec2) {
+        let x = px.x.wrapping_add(OFFSET_BIAS).wrapping_sub(self.center.x) & 0xff;
+        let y = px.y.wrapping_add(OFFSET_BIAS).wrapping_sub(self.center.y) & 0xff;
+        let shift = (i & 1) * 16;
+        let kept = self.offsets.get(i >> 1) & !(0xffff << shift);
+        self.offsets.set(i >> 1, kept | ((x | (y << 8)) << shift));
     }
 }
 
-impl Default for Neighbors {
-    fn default() -> Self {
-        Self::new()
-    }
-}
+/// Zero among the offsets.
+const OFFSET_BIAS: u32 = 128;
 
 /// Whether a pixel has a reservoir of full quality.
 #[inline(always)]
@@ -140,8 +185,12 @@ impl Site {
     /// Whether samples for `surface` are likely to be of use here.
     #[inline(always)]
     pub fn is_similar(&self, frame: &Frame, surface: &Surface) -> bool {
+        // Without the lengths' square roots: this runs for every try.
+        let normal = octahedral::unpack_direction(surface.normal_geometric);
+        let along = self.normal.dot(normal);
+        let limit = frame.normal_cosine * abs(frame.normal_cosine) * normal.length_squared();
         !surface.is_sky()
-            && self.normal.dot(surface.normal_geometric()) >= frame.normal_cosine
+            && along * abs(along) >= limit
             && abs(self.normal.dot(surface.position() - self.position)) <= frame.plane_tolerance * self.distance
             && abs(self.roughness - surface.roughness()) <= frame.roughness_tolerance
     }
@@ -172,17 +221,38 @@ pub fn find_neighbors(
     }
 }
 
-/// Point number `i` of a sequence that fills the disk of `frame.radius_px` around `center` evenly; outside the image,
-/// no pixel.
-#[inline(always)]
-fn disk_point(frame: &Frame, center: [f32; 2], start: [f32; 2], i: u32) -> (bool, UVec2) {
-    let fraction = |x: f32| x - floor(x);
-    let radius = frame.radius_px * sqrt(fraction(start[0] + R2[0] * i as f32));
-    let (sine, cosine) = sin_cos(fraction(start[1] + R2[1] * i as f32) * TAU);
-    let (x, y) = (center[0] + radius * cosine, center[1] + radius * sine);
-    let inside = x >= 0.0 && y >= 0.0 && x < frame.width as f32 && y < frame.height as f32;
-    let px = if inside { onto_lattice(frame, UVec2::new(x as u32, y as u32)) } else { UVec2::ZERO };
-    (inside, px)
+/// Points of a sequence that fills the disk of `frame.radius_px` around `center` evenly, wherever it is cut off.
+#[derive(Clone, Copy)]
+struct DiskPoints {
+    center: [f32; 2],
+    /// Share of the area within.
+    area: f32,
+    sine: f32,
+    cosine: f32,
+}
+
+impl DiskPoints {
+    #[inline(always)]
+    fn new(center: [f32; 2], rng: &mut Rng) -> Self {
+        let (sine, cosine) = sin_cos(rng.next_float() * TAU);
+        Self { center, area: rng.next_float(), sine, cosine }
+    }
+
+    /// The next point; the first number is false outside the image.
+    #[inline(always)]
+    fn next(&mut self, frame: &Frame) -> (bool, UVec2) {
+        let radius = frame.radius_px * sqrt(self.area);
+        let (x, y) = (self.center[0] + radius * self.cosine, self.center[1] + radius * self.sine);
+        self.area += R2_AREA;
+        if self.area >= 1.0 {
+            self.area -= 1.0;
+        }
+        (self.sine, self.cosine) =
+            (self.sine * R2_COSINE + self.cosine * R2_SINE, self.cosine * R2_COSINE - self.sine * R2_SINE);
+        let inside = x >= 0.0 && y >= 0.0 && x < frame.width as f32 && y < frame.height as f32;
+        let px = if inside { onto_lattice(frame, UVec2::new(x as u32, y as u32)) } else { UVec2::ZERO };
+        (inside, px)
+    }
 }
 
 #[inline(always)]
@@ -196,12 +266,12 @@ fn find_in_disk(
     rng: &mut Rng,
     neighbors: &mut Neighbors,
 ) {
-    let start = [rng.next_float(), rng.next_float()];
+    let mut points = DiskPoints::new(center, rng);
     let limit = (neighbors.count + wanted).min(MAX_INPUTS - 1);
     // Three times as many tries: edges and corners have fewer similar pixels.
     let mut i = 0;
     while i < 3 * wanted && neighbors.count < limit {
-        let (inside, px) = disk_point(frame, center, start, i);
+        let (inside, px) = points.next(frame);
         if inside && px != own && site.is_similar(frame, &load(surfaces, frame.index_of(px))) {
             neighbors.push(px);
         }
@@ -223,50 +293,50 @@ fn find_compatible(
     const TRIES: u32 = 16;
     // A cone of 0.05 sr at the camera: the size at the surface beyond which the lights differ.
     const SPREAD: f32 = 0.126;
-    let start = [rng.next_float(), rng.next_float()];
-    let wanted = wanted.min(MAX_INPUTS - 1 - neighbors.count);
-    let mut keys = [0.0f32; MAX_INPUTS as usize];
-    let mut found = Neighbors::new();
+    let mut points = DiskPoints::new(center, rng);
+    let wanted = wanted.min(MAX_KEYS).min(MAX_INPUTS - 1 - neighbors.count);
+    let first = neighbors.count;
+    let mut keys = Words::ZERO;
+    // The largest of the keys, and whose it is.
+    let (mut worst, mut worst_key) = (0, 0.0);
     let mut i = 0;
     while i < TRIES {
-        let (inside, px) = disk_point(frame, center, start, i);
+        let (inside, px) = points.next(frame);
+        let mut key = -1.0;
         if inside && px != own {
             let surface = load(surfaces, frame.index_of(px));
             if site.is_similar(frame, &surface) {
                 let apart = sqrt((surface.position() - site.position).length_squared());
                 let cosine = max(site.normal.dot(surface.normal_geometric()), 1e-4);
-                // Logarithm of exp(-apart / spread) * cosine^8.
-                let score =
-                    exp2(-apart / (SPREAD * site.distance + 1e-30) * core::f32::consts::LOG2_E + 8.0 * log2(cosine));
-                let key = -log2(rng.next_positive_float()) / max(score, 1e-8);
-                // The smallest keys stay: replace the largest once the list is full.
-                if found.count < wanted {
-                    keys[found.count as usize] = key;
-                    found.push(px);
-                } else {
-                    let mut worst = 0;
-                    let mut j = 1;
-                    while j < found.count {
-                        if keys[j as usize] > keys[worst as usize] {
-                            worst = j;
-                        }
-                        j += 1;
-                    }
-                    if key < keys[worst as usize] {
-                        keys[worst as usize] = key;
-                        found.pixels[worst as usize] = px.x | (px.y << 16);
-                    }
-                }
+                // exp(-apart / spread) * cosine^8.
+                let falloff = -apart / (SPREAD * site.distance + 1e-30) * core::f32::consts::LOG2_E;
+                key = -log2(rng.next_positive_float()) / max(exp2(falloff + 8.0 * log2(cosine)), 1e-8);
             }
+        }
+        let found = neighbors.count - first;
+        if key >= 0.0 && found < wanted {
+            keys.set(found, key.to_bits());
+            neighbors.push(px);
+        } else if key >= 0.0 && key < worst_key {
+            keys.set(worst, key.to_bits());
+            neighbors.set(first + worst, px);
+        }
+        // The smallest keys stay.
+        (worst, worst_key) = (0, -1.0);
+        let mut j = 0;
+        while j < neighbors.count - first {
+            let there = f32::from_bits(keys.get(j));
+            if there > worst_key {
+                (worst, worst_key) = (j, there);
+            }
+            j += 1;
         }
         i += 1;
     }
-    let mut i = 0;
-    while i < found.count {
-        neighbors.push(found.get(i));
-        i += 1;
-    }
 }
+
+/// Most neighbours that [`rule::COMPATIBLE`] finds.
+const MAX_KEYS: u32 = 8;
 
 /// Partners by an exchange of bits of the shifted coordinates: the partner's partner is the pixel itself. Shift and
 /// bits are the same for all pixels of a frame and round, so that what a reservoir holds has no part in it.
@@ -329,7 +399,7 @@ pub fn find_past(
     surface: &Surface,
     prev_surfaces: &[Surface],
 ) -> Neighbors {
-    let mut past = Neighbors::new();
+    let mut past = Neighbors::around(px);
     if frame.has_history == 0 || surface.is_sky() {
         return past;
     }
@@ -346,6 +416,7 @@ pub fn find_past(
     let site = Site::new(surface, position, prev_frame.camera_origin);
     let same = onto_lattice(frame, UVec2::new(center[0] as u32, center[1] as u32));
     let seen = site.is_similar(frame, &load(prev_surfaces, frame.index_of(same)));
+    past = Neighbors::around(same);
     if seen {
         past.push(same);
     }
@@ -368,7 +439,7 @@ pub fn find_present(
     surfaces: &[Surface],
     confidence: u32,
 ) -> Neighbors {
-    let mut neighbors = Neighbors::new();
+    let mut neighbors = Neighbors::around(px);
     if surface.is_sky() {
         return neighbors;
     }
@@ -390,27 +461,18 @@ fn input_rng(px: UVec2, reservoir: u32, frame: &Frame, stage: Stage) -> Rng {
     }
 }
 
-/// Confidence with which a reservoir of the frame before is trusted: at most `frame.confidence_cap` times that of the
-/// pixel's own.
-#[inline(always)]
-pub fn capped_confidence(frame: &Frame, own: &Reservoir, prev: &Reservoir) -> u32 {
-    prev.confidence().min(frame.confidence_cap.wrapping_mul(own.confidence()))
-}
-
 /// The inputs of a merge: the pixel's own reservoir is number 0, neighbour i is number i + 1.
 #[derive(Clone, Copy)]
 pub struct Chosen {
     /// Where the others are.
     pub neighbors: Neighbors,
-    /// How much each is trusted.
-    pub confidences: [u32; MAX_INPUTS as usize],
-    /// The input whose domain judges the pixel's own sample for all of them; 0: each does.
+    /// The input whose domain judges the pixel's own sample for all of them, drawn in proportion to confidence; 0: each
+    /// does.
     pub partner: u32,
 }
 
 impl Chosen {
-    /// Looks up the confidences of the neighbours in `reservoirs`, `capped` or not, and draws a partner where shadow
-    /// rays have a part.
+    /// Draws a partner where shadow rays have a part in reuse.
     #[inline(always)]
     pub fn new(
         px: UVec2,
@@ -421,33 +483,24 @@ impl Chosen {
         reservoirs: &[Reservoir],
         past: bool,
     ) -> Self {
-        let mut confidences = [0; MAX_INPUTS as usize];
-        confidences[0] = own.confidence();
+        let mut chosen = Self { neighbors, partner: 0 };
+        if frame.probe == probe::NONE {
+            return chosen;
+        }
+        let stage = if past { Stage::TemporalPartner } else { Stage::SpatialPartner };
+        let mut rng = Rng::for_reservoir(px, reservoir, frame, stage);
+        // One of a stream, by integers: the last of those that take its place.
         let mut total = 0;
-        let mut i = 0;
-        while i < neighbors.count {
-            let there = load(reservoirs, frame.index_of_reservoir(neighbors.get(i), reservoir));
-            let confidence = if past { capped_confidence(frame, own, &there) } else { there.confidence() };
-            confidences[(i + 1) as usize] = confidence;
+        let mut i = 1;
+        while i <= neighbors.count {
+            let confidence = chosen.confidence(reservoir, frame, own, reservoirs, past, i);
             total += confidence;
+            if confidence > 0 && multiply_high(rng.next_word(), total) < confidence {
+                chosen.partner = i;
+            }
             i += 1;
         }
-        let mut partner = 0;
-        if frame.probe != probe::NONE && total > 0 {
-            let stage = if past { Stage::TemporalPartner } else { Stage::SpatialPartner };
-            let mut rest = multiply_high(Rng::for_reservoir(px, reservoir, frame, stage).next_word(), total);
-            let mut i = 1;
-            while i <= neighbors.count && partner == 0 {
-                let confidence = confidences[i as usize];
-                if rest < confidence {
-                    partner = i;
-                } else {
-                    rest -= confidence;
-                }
-                i += 1;
-            }
-        }
-        Self { neighbors, confidences, partner }
+        chosen
     }
 
     /// Number of inputs.
@@ -456,10 +509,23 @@ impl Chosen {
         self.neighbors.count + 1
     }
 
-    /// Confidence of an input.
+    /// Confidence of an input; of the frame before (`past`), at most `frame.confidence_cap` times that of the pixel's
+    /// own.
     #[inline(always)]
-    pub fn confidence(&self, input: u32) -> u32 {
-        self.confidences[(input % MAX_INPUTS) as usize]
+    pub fn confidence(
+        &self,
+        reservoir: u32,
+        frame: &Frame,
+        own: &Reservoir,
+        reservoirs: &[Reservoir],
+        past: bool,
+        input: u32,
+    ) -> u32 {
+        if input == 0 {
+            return own.confidence();
+        }
+        let there = load(reservoirs, frame.index_of_reservoir(self.pixel(input), reservoir)).confidence();
+        if past { there.min(frame.confidence_cap.wrapping_mul(own.confidence())) } else { there }
     }
 
     /// Pixel of an input other than the first.

@@ -110,7 +110,7 @@ pub const KNOBS: &[Knob] = &[
         key: "candidates.count",
         values: "1 to 4096",
         help: "light samples offered to each reservoir in a frame. More: less noise a frame; less: faster frames. With \
-               no more lights than this, each light is offered once. Default 8",
+               no more lights than this, each light is offered once. Default 16",
         set: |s, text| number(&mut s.candidates, text, 1, 4096),
         get: |s| text(s.candidates),
     },
@@ -125,7 +125,7 @@ pub const KNOBS: &[Knob] = &[
         key: "candidates.bsdf",
         values: "0 or 1",
         help: "rays in directions drawn from the BSDF, whose hits are candidates too. More: less noise where glossy \
-               surfaces mirror lights; less: a ray less. Default 0",
+               surfaces mirror lights, or lights are near; less: a ray less. Default 1",
         set: |s, text| number(&mut s.candidates_bsdf, text, 0, 1),
         get: |s| text(s.candidates_bsdf),
     },
@@ -187,10 +187,10 @@ pub const KNOBS: &[Knob] = &[
     },
     Knob {
         key: "reuse.radius",
-        values: "1 to 256",
+        values: "1 to 120",
         help: "how far away neighbours may be, in pixels. More: less alike, so less of use, but less correlated; less: \
-               blotches. Default 16",
-        set: |s, text| number(&mut s.radius_px, text, 1.0, 256.0),
+               blotches. Default 10",
+        set: |s, text| number(&mut s.radius_px, text, 1.0, 120.0),
         get: |s| text(s.radius_px),
     },
     Knob {
@@ -236,14 +236,14 @@ pub const KNOBS: &[Knob] = &[
         key: "temporal.cap",
         values: "0 to 1000",
         help: "largest confidence of the frame before, in units of a fresh sample. More: less noise from one frame to \
-               the next, but more of it shared by neighbours, and slower to follow; 0: no history. Default 8",
+               the next, but more of it shared by neighbours, and slower to follow; 0: no history. Default 16",
         set: |s, text| number(&mut s.confidence_cap, text, 0, 1000),
         get: |s| text(s.confidence_cap),
     },
     Knob {
         key: "temporal.neighbors",
         values: "0 to 6",
-        help: "neighbours in the frame before, beside the pixel itself. More: less noise, more time. Default 1",
+        help: "neighbours in the frame before, beside the pixel itself. More: less noise, more time. Default 3",
         set: |s, text| number(&mut s.temporal_neighbors, text, 0, 6),
         get: |s| text(s.temporal_neighbors),
     },
@@ -251,7 +251,7 @@ pub const KNOBS: &[Knob] = &[
         key: "temporal.neighbors_unseen",
         values: "0 to 12",
         help: "the same where the surface was not seen in the frame before. More: less noise where something has come \
-               into view. Default 5",
+               into view. Default 6",
         set: |s, text| number(&mut s.temporal_neighbors_unseen, text, 0, 12),
         get: |s| text(s.temporal_neighbors_unseen),
     },
@@ -266,14 +266,14 @@ pub const KNOBS: &[Knob] = &[
     Knob {
         key: "spatial.neighbors",
         values: "0 to 12",
-        help: "neighbours in each of these rounds. More: less noise, more time. Default 1",
+        help: "neighbours in each of these rounds. More: less noise, more time. Default 3",
         set: |s, text| number(&mut s.spatial_neighbors, text, 0, 12),
         get: |s| text(s.spatial_neighbors),
     },
     Knob {
         key: "spatial.neighbors_unseen",
         values: "0 to 12",
-        help: "the same where the surface was not seen in the frame before. Default 5",
+        help: "the same where the surface was not seen in the frame before. Default 6",
         set: |s, text| number(&mut s.spatial_neighbors_unseen, text, 0, 12),
         get: |s| text(s.spatial_neighbors_unseen),
     },
@@ -281,14 +281,14 @@ pub const KNOBS: &[Knob] = &[
         key: "still.rounds",
         values: "0 to 6",
         help: "rounds of spatial reuse in each frame of a still. More: less noise a frame, fewer frames in the same \
-               time; 0: no reuse. Default 2",
+               time; 0: no reuse. Default 3",
         set: |s, text| number(&mut s.still_rounds, text, 0, MAX_ROUNDS),
         get: |s| text(s.still_rounds),
     },
     Knob {
         key: "still.neighbors",
         values: "0 to 12",
-        help: "neighbours in each of these rounds. More: less noise, more time. Default 4",
+        help: "neighbours in each of these rounds. More: less noise, more time. Default 6",
         set: |s, text| number(&mut s.still_neighbors, text, 0, 12),
         get: |s| text(s.still_neighbors),
     },

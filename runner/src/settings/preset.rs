@@ -34,9 +34,9 @@ impl Preset {
     /// Its settings.
     pub fn settings(self) -> Settings {
         let balanced = Settings {
-            candidates: 8,
+            candidates: 16,
             pick_by_power: true,
-            candidates_bsdf: 0,
+            candidates_bsdf: 1,
             candidates_full: 0,
             candidates_off_lattice: 2,
             reservoirs: 1,
@@ -44,15 +44,15 @@ impl Preset {
             mis_form: form::PAIRWISE_DEFENSIVE,
             rays: Rays::Balanced,
             sum: true,
-            confidence_cap: 8,
-            temporal_neighbors: 1,
-            temporal_neighbors_unseen: 5,
+            confidence_cap: 16,
+            temporal_neighbors: 3,
+            temporal_neighbors_unseen: 6,
             spatial_rounds: 0,
-            spatial_neighbors: 1,
-            spatial_neighbors_unseen: 5,
-            still_rounds: 2,
-            still_neighbors: 4,
-            radius_px: 16.0,
+            spatial_neighbors: 3,
+            spatial_neighbors_unseen: 6,
+            still_rounds: 3,
+            still_neighbors: 6,
+            radius_px: 10.0,
             neighbor_rule: rule::DISK,
             normal_angle_deg: 25.0,
             plane_tolerance: 0.02,
@@ -67,19 +67,15 @@ impl Preset {
         };
         match self {
             Self::Balanced => balanced,
-            Self::Fast => Settings { rays: Rays::Speed, candidates: 8, still_rounds: 1, ..balanced },
-            Self::Quality => Settings {
-                rays: Rays::Quality,
-                candidates: 16,
-                temporal_neighbors: 2,
-                still_rounds: 3,
-                still_neighbors: 5,
-                ..balanced
-            },
+            Self::Fast => {
+                Settings { rays: Rays::Speed, candidates_bsdf: 0, temporal_neighbors: 1, still_rounds: 1, ..balanced }
+            }
+            Self::Quality => Settings { rays: Rays::Quality, spatial_rounds: 1, still_rounds: 2, ..balanced },
             // Section 5 there, unbiased: 32 candidates, one round of three neighbours within 30 pixels, a history of
             // twenty frames, no neighbours in the frame before.
             Self::Paper => Settings {
                 candidates: 32,
+                candidates_bsdf: 0,
                 rays: Rays::Quality,
                 sum: false,
                 confidence_cap: 20,

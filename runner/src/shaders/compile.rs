@@ -79,6 +79,7 @@ pub fn build(root: &Path, target: &Path) -> Result<Modules, CompileError> {
     let plain = strict::stripped(&plain).map_err(CompileError::Module)?;
     let strict = compile(&backend, &shader, target, &["--no-spirv-opt"])?;
     let strict = strict::pinned(&strict).map_err(CompileError::Module)?;
+    let strict = strict::optimized(&strict).map_err(CompileError::Module)?;
     let digest = digest::digest(root, &plain, &strict)?;
     Ok(Modules { plain, strict, digest })
 }
