@@ -534,3 +534,128 @@ impl Chosen {
         self.neighbors.get(input - 1)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::octahedral::pack;
+
+    const WIDTH: u32 = 64;
+    const HEIGHT: u32 = 48;
+
+    /// A floor seen from above, one unit a pixel, and a step in its middle.
+    fn surfaces() -> Vec<Surface> {
+        let surface = |i: u32| Surface {
+            position: [(i % WIDTH) as f32, if i % WIDTH < WIDTH / 2 { 0.0 } else { 20.0 }, (i / WIDTH) as f32],
+            normal_geometric: pack(Vec3::Y),
+            normal_shading: pack(Vec3::Y),
+            instance: 0x8000_0000,
+            ..Surface::default()
+        };
+        (0..WIDTH * HEIGHT).map(surface).collect()
+    }
+
+    fn frame(rule: u32) -> Frame {
+        Frame {
+            width: WIDTH,
+            height: HEIGHT,
+            reservoirs: 1,
+            neighbor_rule: rule,
+            radius_px: 9.0,
+            normal_cosine: 0.9,
+            plane_tolerance: 0.02,
+            roughness_tolerance: 0.1,
+            spatial_neighbors: 6,
+            spatial_neighbors_unseen: 6,
+            camera_origin: Vec3::new(32.0, 100.0, 24.0),
+            ..Frame::default()
+        }
+    }
+
+    fn neighbors_of(px: UVec2, frame: &Frame, surfaces: &[Surface]) -> Vec<UVec2> {
+        let surface = surfaces[frame.index_of(px) as usize];
+        let found = find_present(px, 0, frame, &surface, surfaces, 1);
+        (0..found.count).map(|i| found.get(i)).collect()
+    }
+
+    #[test]
+    fn a_list_of_neighbours_gives_back_what_was_put_in() {
+        let center = UVec2::new(100, 5);
+        let mut list = Neighbors::around(center);
+        let pixels: Vec<_> = (0..MAX_INPUTS - 1).map(|i| UVec2::new(i * 17, i * 9 % 50)).collect();
+        pixels.iter().for_each(|&px| list.push(px));
+        list.push(UVec2::ZERO);
+        assert_eq!(list.count, MAX_INPUTS - 1, "no room for one more");
+        for (i, px) in pixels.into_iter().enumerate() {
+            assert_eq!(list.get(i as u32), px);
+        }
+    }
+
+    #[test]
+    fn neighbours_are_near_similar_inside_and_never_the_pixel_itself() {
+        let surfaces = surfaces();
+        for rule in [rule::DISK, rule::COMPATIBLE, rule::PAIRED] {
+            let mut total = 0;
+            for index in 0..40 {
+                let frame = Frame { index, ..frame(rule) };
+                for px in [UVec2::ZERO, UVec2::new(31, 20), UVec2::new(32, 20), UVec2::new(WIDTH - 1, HEIGHT - 1)] {
+                    for there in neighbors_of(px, &frame, &surfaces) {
+                        total += 1;
+                        assert!(there.x < WIDTH && there.y < HEIGHT && there != px);
+                        assert_eq!(there.x < WIDTH / 2, px.x < WIDTH / 2, "across the step");
+                        let apart = there.as_vec2().distance(px.as_vec2());
+                        assert!(apart < if rule == rule::PAIRED { 12.0 } else { 10.0 }, "{apart} pixels");
+                    }
+                }
+            }
+            assert!(total > 300, "rule {rule}: {total}");
+        }
+    }
+
+    #[test]
+    fn pairs_have_each_other() {
+        let (surfaces, frame) = (surfaces(), frame(rule::PAIRED));
+        for i in 0..WIDTH * HEIGHT {
+            let px = UVec2::new(i % WIDTH, i / WIDTH);
+            for there in neighbors_of(px, &frame, &surfaces) {
+                assert!(neighbors_of(there, &frame, &surfaces).contains(&px), "{px} and {there}");
+            }
+        }
+    }
+
+    #[test]
+    fn on_a_lattice_neighbours_are_of_it() {
+        let surfaces = surfaces();
+        for lattice in [lattice::CHECKERBOARD, lattice::HALF] {
+            let frame = Frame { lattice, ..frame(rule::DISK) };
+            let share = (0..WIDTH * HEIGHT).filter(|i| is_on_lattice(&frame, UVec2::new(i % WIDTH, i / WIDTH))).count();
+            assert_eq!(share * if lattice == lattice::HALF { 4 } else { 2 }, surfaces.len());
+            for px in [UVec2::new(0, 3), UVec2::new(11, 20)] {
+                let found = neighbors_of(px, &frame, &surfaces);
+                assert!(!found.is_empty() && found.iter().all(|&there| is_on_lattice(&frame, there)));
+            }
+        }
+    }
+
+    #[test]
+    fn a_still_surface_is_found_where_the_camera_before_saw_it() {
+        let surfaces = surfaces();
+        // Looking down, one unit a pixel at the floor; then one unit further along x.
+        let look = |x: f32| Frame {
+            camera_origin: Vec3::new(x, 100.0, 24.0),
+            camera_forward: Vec3::NEG_Y,
+            camera_right: Vec3::X * 0.32,
+            camera_up: Vec3::NEG_Z * 0.24,
+            has_history: 1,
+            confidence_cap: 5,
+            ..frame(rule::DISK)
+        };
+        let (prev, now) = (look(32.0), look(33.0));
+        let scene = Scene { triangles: &[], records: &[], texels: &[] };
+        let surface = surfaces[prev.index_of(UVec2::new(10, 20)) as usize];
+        let found = find_past(UVec2::new(9, 20), 0, &now, &prev, &scene, &surface, &surfaces);
+        assert_eq!((found.count, found.get(0)), (1, UVec2::new(10, 20)));
+        let cut = Frame { has_history: 0, ..now };
+        assert_eq!(find_past(UVec2::new(9, 20), 0, &cut, &prev, &scene, &surface, &surfaces).count, 0);
+    }
+}
