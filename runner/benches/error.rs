@@ -129,7 +129,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("{:<26} {:>8} {:>10} {:>10} {:>9}", "one frame, real time", "frame", "ms/frame", "relMSE", "MAPE");
     let alone = request(Technique::Candidates, &["candidates.count=32", "candidates.bsdf=0"], 2, Stop::Samples(1))?;
     let alone = render(&packed, &alone, &backend, |_| true)?;
-    let mut show = |label: &str, frames: u32, rendered: &Rendered| {
+    let show = |label: &str, frames: u32, rendered: &Rendered| {
         let Errors { rel_mse, mape } = errors(rendered, &reference);
         let ms = rendered.elapsed.as_secs_f64() * 1e3 / f64::from(frames);
         println!("{label:<26} {frames:>8} {ms:>10.1} {rel_mse:>10.4} {:>7.2} %", mape * 100.0);

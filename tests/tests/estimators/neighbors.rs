@@ -35,7 +35,7 @@ fn plane(radius_px: f32, spacing: f32) -> (Frame, Vec<Surface>) {
 fn chosen(frame: &Frame, surfaces: &[Surface], stream: u32, wanted: u32) -> Vec<UVec2> {
     let own = surfaces[(OWN.y * SIDE + OWN.x) as usize];
     let site = Site::new(&own, own.position(), Vec3::new(own.position[0], own.position[1], 0.0));
-    let mut neighbors = Neighbors::new();
+    let mut neighbors = Neighbors::around(OWN);
     let mut rng = Rng::from_words(stream, 5, 0, 0);
     let center = [OWN.x as f32 + 0.5, OWN.y as f32 + 0.5];
     find_neighbors(frame, surfaces, &site, center, OWN, wanted, &mut rng, &mut neighbors);
