@@ -5,6 +5,8 @@
 //! `WEIR_LONG_TESTS=1` runs more chains, with closer margins for the picture and with margins for its tiles.
 
 mod chains;
+mod convergence;
+mod planted;
 mod scenarios;
 mod statistics;
 
@@ -12,6 +14,10 @@ use weir::technique::Technique;
 use weir_shader::{PASSES, wiring::Pass};
 
 use chains::{Clip, judge};
+use planted::{
+    NoBug, NoCanonicalTerm, NullWithoutConfidence, PastUnderPresentLights, RejectedByContent, VisibilityUnknownToMis,
+    passes_with,
+};
 use scenarios::Scenario;
 use statistics::{Ensemble, Verdict};
 
@@ -141,4 +147,126 @@ fn a_chain_is_unbiased_on_glossy_surfaces() {
 #[test]
 fn a_chain_is_unbiased_where_neighbours_see_different_lights() {
     assert_unbiased(scenarios::half_shadowed());
+}
+
+/// Knobs of reuse in the chain, each turned.
+const CHAIN_VARIANTS: &[&[&str]] = &[
+    &["rays=speed", "reuse.mis=pairwise"],
+    &["rays=speed", "reuse.mis=balance"],
+    &["rays=speed", "reuse.mis=contribution"],
+    &["rays=speed", "reuse.mis=1/z"],
+    &["rays=balanced", "reuse.mis=pairwise"],
+    &["rays=balanced", "reuse.rule=compatible"],
+    &["rays=quality", "reuse.rule=paired"],
+    &["rays=balanced", "reservoirs.count=2"],
+    &["rays=quality", "reservoirs.choice=plain"],
+    &["rays=balanced", "reservoirs.choice=keys"],
+    &["rays=balanced", "reuse.resolution=checkerboard"],
+    &["rays=quality", "reuse.resolution=half"],
+    &["rays=balanced", "candidates.full=2"],
+    &["rays=balanced", "candidates.source=uniform"],
+    &["rays=balanced", "target.occlusion=screen"],
+    &["rays=speed", "spatial.rounds=1"],
+    &["rays=balanced", "spatial.rounds=2"],
+    &["rays=quality", "spatial.rounds=1", "spatial.neighbors=3"],
+    &["rays=quality", "shade.sum=off"],
+    &["rays=balanced", "temporal.cap=30"],
+];
+
+#[test]
+fn every_unbiased_knob_of_the_chain_is_unbiased_where_neighbours_see_different_lights() {
+    let bench = Bench::new(scenarios::half_shadowed());
+    let wrong: Vec<_> = CHAIN_VARIANTS.iter().filter_map(|knobs| bench.check(Technique::RealTime, knobs)).collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn stills_with_spatial_reuse_are_unbiased_where_neighbours_see_different_lights() {
+    let bench = Bench::new(scenarios::half_shadowed());
+    let check = |tier: &&str| bench.check(Technique::Still, &[tier, "still.rounds=2"]);
+    let wrong: Vec<_> = TIERS.iter().filter_map(check).collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// The comparison has teeth: options that are known to be biased are seen to be.
+#[test]
+fn options_that_are_called_biased_are() {
+    let bench = Bench::new(scenarios::half_shadowed());
+    for knobs in [&["rays=speed", "reuse.mis=1/m"] as &[&str], &["rays=before"], &["rays=both"], &["rays=none"]] {
+        let verdict = bench.verdict(&bench.clip(Technique::RealTime, knobs));
+        println!("biased: {} | {verdict}", knobs.join(" "));
+        assert!(verdict.differs(), "{knobs:?} went unnoticed: {verdict}");
+    }
+}
+
+/// A bug that is planted in a clip, or the lack of one.
+fn assert_caught(bench: &Bench, what: &str, clip: &Clip) {
+    let verdict = bench.verdict(clip);
+    println!("planted: {what} | {verdict}");
+    assert!(verdict.differs(), "{what} went unnoticed: {verdict}");
+}
+
+#[test]
+fn every_planted_bug_is_caught() {
+    let chain = Technique::RealTime;
+    let wall = Bench::new(scenarios::half_shadowed());
+    let plain = wall.verdict(&wall.planted(passes_with::<NoBug>(), chain, &["rays=balanced"]));
+    println!("planted: nothing | {plain}");
+    assert!(plain.is_unbiased(), "{plain}");
+
+    let on_wall = |passes: &'static [Pass], tier: &str| wall.planted(passes, chain, &[tier]);
+    let no_canonical = on_wall(passes_with::<NoCanonicalTerm>(), "rays=balanced");
+    assert_caught(&wall, "no canonical term", &no_canonical);
+    let null = on_wall(passes_with::<NullWithoutConfidence>(), "rays=balanced");
+    assert_caught(&wall, "null reservoirs without confidence", &null);
+    let rejected = on_wall(passes_with::<RejectedByContent>(), "rays=balanced");
+    assert_caught(&wall, "rejected by content", &rejected);
+    for tier in ["rays=balanced", "rays=quality"] {
+        let unknown = on_wall(passes_with::<VisibilityUnknownToMis>(), tier);
+        assert_caught(&wall, &format!("visibility unknown to the MIS weights, {tier}"), &unknown);
+    }
+    let mut shifted = wall.clip(chain, &["rays=balanced"]);
+    planted::shift_alias_table(&mut shifted);
+    assert_caught(&wall, "alias table off by one", &shifted);
+
+    let flickering = Bench::new(scenarios::flickering());
+    let present = flickering.planted(passes_with::<PastUnderPresentLights>(), chain, &["rays=speed"]);
+    assert_caught(&flickering, "the past under present lights", &present);
+
+    let reordered = Bench::new(scenarios::reordered_lights());
+    let mut kept = reordered.clip(chain, &["rays=balanced"]);
+    planted::keep_light_ids(&mut kept);
+    assert_caught(&reordered, "light ids not translated", &kept);
+}
+
+/// The smallest of the planted bugs, seen with many chains of the tier with the least noise.
+#[test]
+fn one_light_that_is_one_percent_brighter_is_caught() {
+    let mut bench = Bench::new(scenarios::standing());
+    let brightest = &mut bench.scenario.scene.materials[3];
+    brightest.emission *= 1.01;
+    let clip = bench.clip(Technique::RealTime, &["rays=quality", "candidates.count=8", "temporal.neighbors=3"]);
+    let chains = clip.ensemble(0..2048);
+    println!("spread {}", chains.spread());
+    let verdict = Verdict::new(&chains, &bench.judge, 0.005, None);
+    println!("planted: a light 1 % brighter | {verdict}");
+    assert!(verdict.differs(), "1 % more light went unnoticed: {verdict}");
+}
+
+/// Error of the mean of N independent stills falls as 1 / N: nothing in reuse is left over that averaging does not
+/// remove.
+#[test]
+fn the_squared_error_of_stills_falls_with_their_number() {
+    const MOST: u32 = 4096;
+    const SEEDS: u32 = 2;
+    let bench = Bench::new(scenarios::half_shadowed());
+    let reference = judge(&bench.scenario, 1 << 14);
+    for tier in ["rays=balanced"] {
+        let clip = bench.clip(Technique::Still, &[tier, "still.rounds=2"]);
+        let errors = convergence::squared_errors(&clip, &reference, SEEDS, MOST);
+        let slope = convergence::slope(&errors);
+        let flat: Vec<String> = errors.iter().map(|(n, e)| format!("{n}: {:.4e}", e * n)).collect();
+        println!("{tier}: slope {slope:.4}; N MSE {}", flat.join(", "));
+        assert!((slope + 1.0).abs() < 0.05, "{tier}: slope {slope}");
+    }
 }
