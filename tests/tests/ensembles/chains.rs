@@ -47,8 +47,8 @@ impl Clip {
         };
         let mut packed = scenario.pack(0);
         let knobs = [&scenario.knobs[..], knobs].concat();
-        let request = request(&shots[0].camera, [WIDTH, HEIGHT], technique, &knobs);
-        let facts = facts_of(&packed, WIDTH, HEIGHT, &request.settings);
+        let request = request(&shots[0].camera, scenario.size, technique, &knobs);
+        let facts = facts_of(&packed, scenario.size[0], scenario.size[1], &request.settings);
         let plan = direct_light_with(passes, technique, &request.settings, &facts, ToneCurve::Clip, &["color"])
             .expect("the frame has a plan");
         let mut sequence = Sequence::new(&mut packed, request);
@@ -103,9 +103,9 @@ impl Clip {
 pub fn judge(scenario: &Scenario, samples: u32) -> Vec<Estimate> {
     let last = scenario.shots.last().expect("a scenario has a shot");
     let packed = scenario.pack(scenario.shots.len() - 1);
-    let request: Request = request(&last.camera, [WIDTH, HEIGHT], Technique::Candidates, &[]);
+    let request: Request = request(&last.camera, scenario.size, Technique::Candidates, &[]);
     let reference = Reference::new(&packed, frame_of(&packed, &request), 1);
-    let mut estimates = vec![Estimate::default(); (WIDTH * HEIGHT) as usize];
+    let mut estimates = vec![Estimate::default(); (request.width * request.height) as usize];
     reference.accumulate(&mut estimates, 0, samples);
     assert!(estimates.iter().all(|e| e.dropped == 0));
     estimates

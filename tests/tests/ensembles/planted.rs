@@ -157,15 +157,13 @@ pub fn shift_alias_table(clip: &mut Clip) {
     }
 }
 
-/// Every instance passes for the one with its number in the other frame, so that lights keep their numbers instead of
-/// being looked up.
-pub fn keep_light_ids(clip: &mut Clip) {
-    for Snapshot { frames, records, .. } in &mut clip.snapshots {
-        for (this, other) in [(frames.now, frames.prev), (frames.prev, frames.now)] {
-            for slot in 0..this.instance_count {
-                let at = this.instances_at + slot * instance_record::WORDS + instance_record::COUNTERPART;
-                records[at as usize] = if slot < other.instance_count { slot } else { NO_INSTANCE };
-            }
+/// A pixel's own sample passes for that of the light with the same number in the frame before. (Kept both ways, numbers
+/// would be a shift of samples like any other that has an inverse, and unbiased.)
+pub fn keep_own_light_ids(clip: &mut Clip) {
+    for Snapshot { frames: FramePair { now, prev }, records, .. } in &mut clip.snapshots {
+        for slot in 0..now.instance_count {
+            let at = now.instances_at + slot * instance_record::WORDS + instance_record::COUNTERPART;
+            records[at as usize] = if slot < prev.instance_count { slot } else { NO_INSTANCE };
         }
     }
 }

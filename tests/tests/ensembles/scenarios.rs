@@ -7,6 +7,8 @@ use weir::{
     sequence::Shot,
 };
 
+use crate::chains::{HEIGHT, WIDTH};
+
 /// Frames of a chain: as many as history is trusted for at the default cap.
 const FRAMES: u32 = 8;
 
@@ -15,6 +17,8 @@ pub struct Scenario {
     pub name: &'static str,
     pub scene: Scene,
     pub shots: Vec<Shot>,
+    /// Of the picture.
+    pub size: [u32; 2],
     /// Knobs beside those that are tested.
     pub knobs: Vec<&'static str>,
     /// Whether instances come, go and move by more than the scene's own motion.
@@ -26,7 +30,14 @@ impl Scenario {
         let camera = scene.camera.expect("the scene has a camera");
         let shots: Vec<Shot> = (0..FRAMES).map(|i| shot(i, &camera)).collect();
         let is_dynamic = shots.iter().any(|s| s.moment != shots[0].moment);
-        Self { name, scene, shots, knobs: vec!["candidates.count=4", "reuse.radius=4"], is_dynamic }
+        Self {
+            name,
+            scene,
+            shots,
+            size: [WIDTH, HEIGHT],
+            knobs: vec!["candidates.count=4", "reuse.radius=4"],
+            is_dynamic,
+        }
     }
 
     /// Where nothing moves.
@@ -259,4 +270,12 @@ pub fn half_shadowed() -> Scenario {
     let mut scenario = Scenario::standing("half shadowed", scene);
     scenario.knobs.extend(["reuse.radius=8", "temporal.neighbors=2"]);
     scenario
+}
+
+/// A small picture of the room with one lamp: nothing but its shadow is noisy, so a reference without noise is cheap.
+pub fn one_lamp() -> Scenario {
+    let mut scene = room();
+    scene.instances.truncate(LAMPS[1] as usize);
+    scene.instances[LAMPS[0] as usize].world_from_object = lamp_at(-0.4, 2.5, 0.4, 0.5);
+    Scenario { size: [16, 12], ..Scenario::standing("one lamp", scene) }
 }
