@@ -1,11 +1,12 @@
 //! What the chains show. Lights are few, not tiny and out of view: less noise, so smaller biases are seen.
 
-use glam::{Mat4, Vec2, Vec3};
+use glam::{Mat4, Vec3};
 use weir::{
     packed::{Moment, PackedScene},
-    scene::{Camera, Environment, Instance, Material, Mesh, Motion, Scene},
+    scene::{Camera, Environment, Instance, Material, Motion, Scene},
     sequence::Shot,
 };
+use weir_tests::scenes::quad;
 
 use crate::chains::{HEIGHT, WIDTH};
 
@@ -57,17 +58,6 @@ impl Scenario {
         } else {
             PackedScene::new(&self.scene, 0.0).expect("packs")
         }
-    }
-}
-
-fn quad(name: &str, origin: Vec3, a: Vec3, b: Vec3, material: u32) -> Mesh {
-    Mesh {
-        name: name.into(),
-        positions: vec![origin, origin + a, origin + a + b, origin + b],
-        normals: Vec::new(),
-        uvs: vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y],
-        triangles: vec![[0, 1, 2], [0, 2, 3]],
-        materials: vec![material; 2],
     }
 }
 
