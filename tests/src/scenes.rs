@@ -12,7 +12,7 @@ pub fn cornell() -> Scene {
 }
 
 /// Two triangles with a corner at `origin` and the given edges, counter-clockwise.
-fn quad(name: &str, origin: Vec3, a: Vec3, b: Vec3, material: u32) -> Mesh {
+pub fn quad(name: &str, origin: Vec3, a: Vec3, b: Vec3, material: u32) -> Mesh {
     Mesh {
         name: name.into(),
         positions: vec![origin, origin + a, origin + a + b, origin + b],

@@ -1,0 +1,112 @@
+//! Many chains of frames that differ in their seed alone, and the reference for where they end.
+
+use rayon::prelude::*;
+use weir::{
+    executor::{
+        SceneBuffers,
+        cpu::{CpuExecutor, Order},
+    },
+    graph::Plan,
+    packed::PackedScene,
+    reference::{Estimate, Reference},
+    render::{Request, facts_of, frame_of},
+    sequence::Sequence,
+    technique::{Technique, ToneCurve, direct_light_with},
+};
+use weir_shader::wiring::Pass;
+use weir_shared::frame::FramePair;
+use weir_tests::request;
+
+use crate::{scenarios::Scenario, statistics::Ensemble};
+
+pub const WIDTH: u32 = 32;
+pub const HEIGHT: u32 = 24;
+
+/// One frame of a clip: its uniform, and what of the scene it may have changed.
+pub struct Snapshot {
+    pub frames: FramePair,
+    pub records: Vec<u32>,
+    bvh: Vec<glam::UVec4>,
+    pub lights: Vec<u32>,
+}
+
+/// The frames of a scenario. What they show does not depend on the seed, so all chains share it.
+pub struct Clip {
+    packed: PackedScene,
+    plan: Plan,
+    pub snapshots: Vec<Snapshot>,
+}
+
+impl Clip {
+    /// The frames of `scenario` by the kernels of `passes`; of a still, only the last of them.
+    pub fn new(scenario: &Scenario, passes: &'static [Pass], technique: Technique, knobs: &[&str]) -> Self {
+        let shots = if technique == Technique::RealTime {
+            &scenario.shots[..]
+        } else {
+            &scenario.shots[scenario.shots.len() - 1..]
+        };
+        let mut packed = scenario.pack(0);
+        let knobs = [&scenario.knobs[..], knobs].concat();
+        let request = request(&shots[0].camera, scenario.size, technique, &knobs);
+        let facts = facts_of(&packed, scenario.size[0], scenario.size[1], &request.settings);
+        let plan = direct_light_with(passes, technique, &request.settings, &facts, ToneCurve::Clip, &["color"])
+            .expect("the frame has a plan");
+        let mut sequence = Sequence::new(&mut packed, request);
+        let mut snapshots = Vec::new();
+        for shot in shots {
+            let (frames, _) = sequence.next(shot).expect("the scenario's own moment");
+            let now = sequence.packed();
+            let (records, bvh, lights) = (now.records.clone(), now.bvh.clone(), now.lights.clone());
+            snapshots.push(Snapshot { frames, records, bvh, lights });
+        }
+        Self { packed, plan, snapshots }
+    }
+
+    /// Runs a chain; calls `seen` with the colour of every frame.
+    fn run(&self, seed: u32, snapshots: impl Iterator<Item = (u32, usize)>, mut seen: impl FnMut(&[[f32; 4]])) {
+        let mut executor = CpuExecutor::new(&self.plan);
+        // Chains are what runs in parallel.
+        executor.order = Order { band_rows: HEIGHT, backwards: false };
+        for (index, snapshot) in snapshots {
+            let Snapshot { frames, records, bvh, lights } = &self.snapshots[snapshot];
+            let mut frames = *frames;
+            (frames.now.seed, frames.prev.seed) = (seed, seed);
+            frames.now.index = index;
+            let buffers = SceneBuffers { records, bvh, lights, ..self.packed.buffers() };
+            executor.run(&self.plan, buffers, &frames);
+            seen(bytemuck::cast_slice(executor.output(&self.plan, "color").expect("the plan has this output")));
+        }
+    }
+
+    /// The last frames of the chains of the given seeds.
+    pub fn ensemble(&self, seeds: std::ops::Range<u32>) -> Ensemble {
+        let totals = seeds.into_par_iter().map(|seed| {
+            let mut last = Vec::new();
+            let frames = (0..self.snapshots.len()).map(|i| (i as u32, i));
+            self.run(seed, frames, |color| {
+                last.clear();
+                last.extend_from_slice(color);
+            });
+            Ensemble::totals(last.iter().map(|c| [c[0], c[1], c[2]].map(f64::from)))
+        });
+        // In the order of the seeds, whichever thread was first.
+        Ensemble::new(&totals.collect::<Vec<_>>())
+    }
+
+    /// Independent stills of one seed, `count` of them: red, green and blue of each pixel.
+    pub fn stills(&self, seed: u32, count: u32, mut seen: impl FnMut(&[[f32; 4]])) {
+        self.run(seed, (0..count).map(|i| (i, 0)), |color| seen(color));
+    }
+}
+
+/// What the reference integrator makes of the last shot of a scenario.
+pub fn judge(scenario: &Scenario, samples: u32) -> Vec<Estimate> {
+    let last = scenario.shots.last().expect("a scenario has a shot");
+    let packed = scenario.pack(scenario.shots.len() - 1);
+    let request: Request = request(&last.camera, scenario.size, Technique::Candidates, &[]);
+    let reference = Reference::new(&packed, frame_of(&packed, &request), 1);
+    let mut estimates = vec![Estimate::default(); (request.width * request.height) as usize];
+    reference.accumulate(&mut estimates, 0, samples);
+    assert!(estimates.iter().all(|e| e.dropped == 0));
+    estimates
+}

@@ -1,0 +1,271 @@
+//! Reuse is unbiased: the mean over many independent chains of frames is that of the reference integrator, whatever
+//! moves and whichever knobs are turned; and options and bugs that bias it are seen to.
+//!
+//! A frame of a chain shares samples with the frames before it, so its error is judged over chains and not over frames.
+//! `WEIR_LONG_TESTS=1` runs more chains, with closer margins for the picture and with margins for its tiles.
+
+mod chains;
+mod convergence;
+mod planted;
+mod scenarios;
+mod statistics;
+
+use weir::technique::Technique;
+use weir_shader::{PASSES, wiring::Pass};
+
+use chains::{Clip, judge};
+use planted::{
+    NoBug, NoCanonicalTerm, NullWithoutConfidence, PastUnderPresentLights, RejectedByContent, VisibilityUnknownToMis,
+    passes_with,
+};
+use scenarios::Scenario;
+use statistics::{Ensemble, Verdict};
+
+/// How much is computed, and how close the means must be shown to be.
+struct Effort {
+    /// Fewest and most chains.
+    chains: [u32; 2],
+    /// Standard error of the picture that is aimed at.
+    error: f64,
+    reference_samples: u32,
+    picture_margin: f64,
+    tile_margin: Option<f64>,
+}
+
+fn is_long() -> bool {
+    std::env::var("WEIR_LONG_TESTS").is_ok_and(|v| v == "1")
+}
+
+fn effort() -> Effort {
+    if is_long() {
+        return Effort {
+            chains: [4096, 65_536],
+            error: 0.0005,
+            reference_samples: 1 << 16,
+            picture_margin: 0.002,
+            tile_margin: Some(0.01),
+        };
+    }
+    Effort { chains: [256, 1024], error: 0.0014, reference_samples: 1 << 12, picture_margin: 0.005, tile_margin: None }
+}
+
+/// Seeds of the chains that only tell how many are needed; none of them is used again.
+const PILOT: std::ops::Range<u32> = 0x8000_0000..0x8000_0040;
+
+/// A scenario and what the reference makes of its last shot.
+struct Bench {
+    scenario: Scenario,
+    judge: Ensemble,
+}
+
+impl Bench {
+    fn new(scenario: Scenario) -> Self {
+        let judge = Ensemble::of_reference(&judge(&scenario, effort().reference_samples));
+        Self { scenario, judge }
+    }
+
+    fn clip(&self, technique: Technique, knobs: &[&str]) -> Clip {
+        self.planted(PASSES, technique, knobs)
+    }
+
+    fn planted(&self, passes: &'static [Pass], technique: Technique, knobs: &[&str]) -> Clip {
+        Clip::new(&self.scenario, passes, technique, knobs)
+    }
+
+    /// Compares as many chains as it takes.
+    fn verdict(&self, clip: &Clip) -> Verdict {
+        let Effort { chains: [fewest, most], error, picture_margin, tile_margin, .. } = effort();
+        let wanted = (clip.ensemble(PILOT).spread() / error).powi(2).ceil() as u32;
+        let chains = clip.ensemble(0..wanted.clamp(fewest, most));
+        Verdict::new(&chains, &self.judge, picture_margin, tile_margin)
+    }
+
+    /// Checks that the means are those of the reference; returns what is wrong.
+    fn check(&self, technique: Technique, knobs: &[&str]) -> Option<String> {
+        let start = std::time::Instant::now();
+        let verdict = self.verdict(&self.clip(technique, knobs));
+        let row = format!("{} | {technique} {} | {verdict}", self.scenario.name, knobs.join(" "));
+        println!("{row} | {:.1} s", start.elapsed().as_secs_f64());
+        (!verdict.is_unbiased()).then_some(row)
+    }
+}
+
+const TIERS: [&str; 3] = ["rays=speed", "rays=balanced", "rays=quality"];
+
+/// The scenario in each tier.
+fn assert_unbiased(scenario: Scenario) {
+    let bench = Bench::new(scenario);
+    let wrong: Vec<_> = TIERS.iter().filter_map(|tier| bench.check(Technique::RealTime, &[tier])).collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn a_chain_is_unbiased_where_nothing_moves() {
+    assert_unbiased(scenarios::standing());
+}
+
+#[test]
+fn a_chain_is_unbiased_while_the_camera_moves() {
+    assert_unbiased(scenarios::moving_camera());
+}
+
+#[test]
+fn a_chain_is_unbiased_while_lights_move() {
+    assert_unbiased(scenarios::moving_light());
+}
+
+#[test]
+fn a_chain_is_unbiased_while_shadows_come_and_go() {
+    assert_unbiased(scenarios::moving_occluder());
+}
+
+#[test]
+fn a_chain_is_unbiased_while_lights_come_and_go_and_change_places() {
+    assert_unbiased(scenarios::changing_lights());
+}
+
+#[test]
+fn a_chain_is_unbiased_while_lights_change_places() {
+    assert_unbiased(scenarios::reordered_lights());
+}
+
+#[test]
+fn a_chain_is_unbiased_while_lights_flicker_and_shrink_and_grow() {
+    assert_unbiased(scenarios::flickering());
+}
+
+#[test]
+fn a_chain_is_unbiased_under_a_sky() {
+    assert_unbiased(scenarios::environment());
+}
+
+#[test]
+fn a_chain_is_unbiased_on_glossy_surfaces() {
+    assert_unbiased(scenarios::glossy());
+}
+
+#[test]
+fn a_chain_is_unbiased_where_neighbours_see_different_lights() {
+    assert_unbiased(scenarios::half_shadowed());
+}
+
+/// Knobs of reuse in the chain, each turned.
+const CHAIN_VARIANTS: &[&[&str]] = &[
+    &["rays=speed", "reuse.mis=pairwise"],
+    &["rays=speed", "reuse.mis=balance"],
+    &["rays=speed", "reuse.mis=contribution"],
+    &["rays=speed", "reuse.mis=1/z"],
+    &["rays=balanced", "reuse.mis=pairwise"],
+    &["rays=balanced", "reuse.rule=compatible"],
+    &["rays=quality", "reuse.rule=paired"],
+    &["rays=balanced", "reservoirs.count=2"],
+    &["rays=quality", "reservoirs.choice=plain"],
+    &["rays=balanced", "reservoirs.choice=keys"],
+    &["rays=balanced", "reuse.resolution=checkerboard"],
+    &["rays=quality", "reuse.resolution=half"],
+    &["rays=balanced", "candidates.full=2"],
+    &["rays=balanced", "candidates.source=uniform"],
+    &["rays=balanced", "target.occlusion=screen"],
+    &["rays=speed", "spatial.rounds=1"],
+    &["rays=balanced", "spatial.rounds=2"],
+    &["rays=quality", "spatial.rounds=1", "spatial.neighbors=3"],
+    &["rays=quality", "shade.sum=off"],
+    &["rays=balanced", "temporal.cap=30"],
+];
+
+#[test]
+fn every_unbiased_knob_of_the_chain_is_unbiased_where_neighbours_see_different_lights() {
+    let bench = Bench::new(scenarios::half_shadowed());
+    let wrong: Vec<_> = CHAIN_VARIANTS.iter().filter_map(|knobs| bench.check(Technique::RealTime, knobs)).collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn stills_with_spatial_reuse_are_unbiased_where_neighbours_see_different_lights() {
+    let bench = Bench::new(scenarios::half_shadowed());
+    let check = |tier: &&str| bench.check(Technique::Still, &[tier, "still.rounds=2"]);
+    let wrong: Vec<_> = TIERS.iter().filter_map(check).collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// The comparison has teeth: options that are known to be biased are seen to be.
+#[test]
+fn options_that_are_called_biased_are() {
+    let bench = Bench::new(scenarios::half_shadowed());
+    for knobs in [&["rays=speed", "reuse.mis=1/m"] as &[&str], &["rays=before"], &["rays=both"], &["rays=none"]] {
+        let verdict = bench.verdict(&bench.clip(Technique::RealTime, knobs));
+        println!("biased: {} | {verdict}", knobs.join(" "));
+        assert!(verdict.differs(), "{knobs:?} went unnoticed: {verdict}");
+    }
+}
+
+/// A bug that is planted in a clip, or the lack of one.
+fn assert_caught(bench: &Bench, what: &str, clip: &Clip) {
+    let verdict = bench.verdict(clip);
+    println!("planted: {what} | {verdict}");
+    assert!(verdict.differs(), "{what} went unnoticed: {verdict}");
+}
+
+#[test]
+fn every_planted_bug_is_caught() {
+    let chain = Technique::RealTime;
+    let wall = Bench::new(scenarios::half_shadowed());
+    let plain = wall.verdict(&wall.planted(passes_with::<NoBug>(), chain, &["rays=balanced"]));
+    println!("planted: nothing | {plain}");
+    assert!(plain.is_unbiased(), "{plain}");
+
+    let on_wall = |passes: &'static [Pass], tier: &str| wall.planted(passes, chain, &[tier]);
+    let no_canonical = on_wall(passes_with::<NoCanonicalTerm>(), "rays=balanced");
+    assert_caught(&wall, "no canonical term", &no_canonical);
+    let null = on_wall(passes_with::<NullWithoutConfidence>(), "rays=balanced");
+    assert_caught(&wall, "null reservoirs without confidence", &null);
+    let rejected = on_wall(passes_with::<RejectedByContent>(), "rays=balanced");
+    assert_caught(&wall, "rejected by content", &rejected);
+    for tier in ["rays=balanced", "rays=quality"] {
+        let unknown = on_wall(passes_with::<VisibilityUnknownToMis>(), tier);
+        assert_caught(&wall, &format!("visibility unknown to the MIS weights, {tier}"), &unknown);
+    }
+    let mut shifted = wall.clip(chain, &["rays=balanced"]);
+    planted::shift_alias_table(&mut shifted);
+    assert_caught(&wall, "alias table off by one", &shifted);
+
+    let flickering = Bench::new(scenarios::flickering());
+    let present = flickering.planted(passes_with::<PastUnderPresentLights>(), chain, &["rays=speed"]);
+    assert_caught(&flickering, "the past under present lights", &present);
+
+    let reordered = Bench::new(scenarios::reordered_lights());
+    let mut kept = reordered.clip(chain, &["rays=balanced"]);
+    planted::keep_own_light_ids(&mut kept);
+    assert_caught(&reordered, "own light ids not translated", &kept);
+}
+
+/// The smallest of the planted bugs, seen with many chains of the tier with the least noise.
+#[test]
+fn one_light_that_is_one_percent_brighter_is_caught() {
+    let mut bench = Bench::new(scenarios::standing());
+    let brightest = &mut bench.scenario.scene.materials[3];
+    brightest.emission *= 1.01;
+    let clip = bench.clip(Technique::RealTime, &["rays=quality", "candidates.count=8", "temporal.neighbors=3"]);
+    let chains = clip.ensemble(0..1024);
+    let verdict = Verdict::new(&chains, &bench.judge, 0.005, None);
+    println!("planted: a light 1 % brighter | {verdict}");
+    assert!(verdict.differs(), "1 % more light went unnoticed: {verdict}");
+}
+
+/// Error of the mean of N independent stills falls as 1 / N: nothing in reuse is left over that averaging does not
+/// remove.
+#[test]
+fn the_squared_error_of_stills_falls_with_their_number() {
+    const MOST: u32 = 4096;
+    let (seeds, samples) = if is_long() { (32, 1 << 20) } else { (6, 1 << 16) };
+    let scenario = scenarios::one_lamp();
+    let reference = judge(&scenario, samples);
+    for tier in TIERS {
+        let clip = Clip::new(&scenario, PASSES, Technique::Still, &[tier, "still.rounds=2"]);
+        let errors = convergence::squared_errors(&clip, &reference, seeds, MOST);
+        let slope = convergence::slope(&errors);
+        let flat: Vec<String> = errors.iter().map(|(n, e)| format!("{n}: {:.3e}", e * n)).collect();
+        println!("{tier}: slope {slope:.4}; N MSE at N {}", flat.join(", "));
+        assert!((slope + 1.0).abs() < 0.05, "{tier}: slope {slope}");
+    }
+}
