@@ -47,22 +47,21 @@ impl Rng {
     /// The stream of one pixel in one stage of one frame. Pixels are told apart up to 65,536 in each direction.
     #[inline]
     pub fn for_pixel(px: UVec2, frame: &Frame, stage: Stage) -> Self {
-        Self::from_words((px.x & 0xffff) | (px.y << 16), frame.seed, frame.index, (stage as u32) << 24)
+        Self::from_words(pack_pixel(px), frame.seed, frame.index, first_dimension(stage as u32, 0))
     }
 
-    /// The stream of one of a pixel's reservoirs; in a stage with rounds, of one round of the frame. Up to 256
-    /// reservoirs and 65,536 times four numbers.
+    /// The stream of one of a pixel's reservoirs; in a stage with rounds, of one round of the frame.
     #[inline]
     pub fn for_reservoir(px: UVec2, reservoir: u32, frame: &Frame, stage: Stage) -> Self {
-        let dimension = ((stage as u32 + frame.round) << 24) | (reservoir << 16);
-        Self::from_words((px.x & 0xffff) | (px.y << 16), frame.seed, frame.index, dimension)
+        let dimension = first_dimension(stage as u32 + frame.round, reservoir);
+        Self::from_words(pack_pixel(px), frame.seed, frame.index, dimension)
     }
 
     /// The stream of a frame's stage and round, the same for all pixels.
     #[inline]
     pub fn for_frame(frame: &Frame, stage: Stage) -> Self {
         // Rows beyond 65,535 do not exist.
-        Self::from_words(0xffff_ffff, frame.seed, frame.index, (stage as u32 + frame.round) << 24)
+        Self::from_words(0xffff_ffff, frame.seed, frame.index, first_dimension(stage as u32 + frame.round, 0))
     }
 
     /// The stream of a key of four words; the last counts up.
@@ -110,6 +109,23 @@ impl Rng {
         self.dimension = self.dimension.wrapping_add(1);
         bits
     }
+}
+
+/// A pixel in one word, told apart up to 65,536 in each direction.
+#[inline]
+fn pack_pixel(px: UVec2) -> u32 {
+    (px.x & 0xffff) | (px.y << 16)
+}
+
+/// Where the numbers of a stage and reservoir begin. Scattered, because [`pcg4d`] carries a difference in the upper bits
+/// of its last word to few others.
+///
+/// Source: O'Neill 2014, "PCG: A Family of Simple Fast Space-Efficient Statistically Good Algorithms", RXS-M-XS.
+#[inline]
+fn first_dimension(stage: u32, reservoir: u32) -> u32 {
+    let state = (stage | (reservoir << 8)).wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+    let word = ((state >> ((state >> 28) + 4)) ^ state).wrapping_mul(277_803_737);
+    (word >> 22) ^ word
 }
 
 /// A hash from four words to four words.
@@ -163,6 +179,24 @@ mod tests {
             for statistic in [pixels, frames, dimensions] {
                 // 255 degrees of freedom: the 1e-6 and 1 - 1e-6 quantiles.
                 assert!((158.0..375.0).contains(&statistic), "lane {lane}: {statistic}");
+            }
+        }
+    }
+
+    #[test]
+    fn no_two_stages_share_numbers_or_are_correlated() {
+        let starts: Vec<u32> = (0..64).flat_map(|s| (0..8).map(move |r| first_dimension(s, r))).collect();
+        for (i, a) in starts.iter().enumerate() {
+            assert!(starts[..i].iter().all(|b| a.wrapping_sub(*b).min(b.wrapping_sub(*a)) > 1 << 14), "{i}");
+        }
+        let value = |dimension: u32, i: u32| (pcg4d(i & 255 | i >> 8 << 16, 3, 7, dimension)[0] >> 29) as usize;
+        for (i, &a) in starts.iter().enumerate().step_by(8) {
+            for &b in starts[..i].iter().step_by(8) {
+                let mut table = [0u32; 64];
+                (0..16_384).for_each(|n| table[value(a, n) * 8 + value(b, n)] += 1);
+                let statistic: f64 = table.iter().map(|&c| (f64::from(c) - 256.0).powi(2) / 256.0).sum();
+                // 63 degrees of freedom; 2,016 pairs.
+                assert!(statistic < 145.0, "{a:#x} and {b:#x}: {statistic}");
             }
         }
     }
