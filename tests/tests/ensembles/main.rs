@@ -72,12 +72,14 @@ impl Bench {
         Clip::new(&self.scenario, passes, technique, knobs)
     }
 
-    /// Compares as many chains as it takes.
+    /// Compares as many chains as it takes; four times as many where they do not decide.
     fn verdict(&self, clip: &Clip) -> Verdict {
         let Effort { chains: [fewest, most], error, picture_margin, tile_margin, .. } = effort();
         let wanted = (clip.ensemble(PILOT).spread() / error).powi(2).ceil() as u32;
-        let chains = clip.ensemble(0..wanted.clamp(fewest, most));
-        Verdict::new(&chains, &self.judge, picture_margin, tile_margin)
+        let chains = wanted.clamp(fewest, most);
+        let verdict = |chains| Verdict::new(&clip.ensemble(0..chains), &self.judge, picture_margin, tile_margin);
+        let first = verdict(chains);
+        if first.is_unbiased() || first.differs() { first } else { verdict(4 * chains) }
     }
 
     /// Checks that the means are those of the reference; returns what is wrong.
@@ -166,6 +168,8 @@ const CHAIN_VARIANTS: &[&[&str]] = &[
     &["rays=balanced", "candidates.full=2"],
     &["rays=balanced", "candidates.source=uniform"],
     &["rays=balanced", "target.occlusion=screen"],
+    // Spatial reuse after reuse in time: 12,288 chains of the last of these three showed +0.14 % +- 0.06 % in the long
+    // version (z = 4.4), of which the cause is not known; the short version does not resolve it.
     &["rays=speed", "spatial.rounds=1"],
     &["rays=balanced", "spatial.rounds=2"],
     &["rays=quality", "spatial.rounds=1", "spatial.neighbors=3"],
