@@ -2,7 +2,7 @@
 //! picture would be biased.
 
 use core::f32::consts::TAU;
-use glam::{UVec2, UVec4, Vec3};
+use glam::{UVec2, Vec3};
 
 use crate::{
     frame::Frame,
@@ -57,26 +57,25 @@ const R2_SINE: f32 = -0.424_963_1;
 /// instructions.
 #[derive(Clone, Copy)]
 struct Words {
-    low: UVec4,
-    high: UVec4,
+    words: [u32; 8],
 }
 
 impl Words {
-    const ZERO: Self = Self { low: UVec4::ZERO, high: UVec4::ZERO };
+    const ZERO: Self = Self { words: [0; 8] };
 
     #[inline(always)]
     fn get(&self, i: u32) -> u32 {
-        let four = if i < 4 { self.low } else { self.high };
-        let two = if i & 2 == 0 { [four.x, four.y] } else { [four.z, four.w] };
-        if i & 1 == 0 { two[0] } else { two[1] }
+        let [a, b, c, d, e, f, g, h] = self.words;
+        let [a, b, c, d] = if i < 4 { [a, b, c, d] } else { [e, f, g, h] };
+        let [a, b] = if i & 2 == 0 { [a, b] } else { [c, d] };
+        if i & 1 == 0 { a } else { b }
     }
 
     #[inline(always)]
     fn set(&mut self, i: u32, word: u32) {
         let pick = |old: u32, place: u32| if i == place { word } else { old };
-        let (low, high) = (self.low, self.high);
-        self.low = UVec4::new(pick(low.x, 0), pick(low.y, 1), pick(low.z, 2), pick(low.w, 3));
-        self.high = UVec4::new(pick(high.x, 4), pick(high.y, 5), pick(high.z, 6), pick(high.w, 7));
+        let [a, b, c, d, e, f, g, h] = self.words;
+        self.words = [pick(a, 0), pick(b, 1), pick(c, 2), pick(d, 3), pick(e, 4), pick(f, 5), pick(g, 6), pick(h, 7)];
     }
 }
 
@@ -86,7 +85,8 @@ impl Words {
 pub struct Neighbors {
     /// How many.
     pub count: u32,
-    center: UVec2,
+    /// Not a vector: naga would round the size of the struct up.
+    center: [u32; 2],
     /// Two offsets from the center each, of two signed bytes.
     offsets: Words,
 }
@@ -95,7 +95,7 @@ impl Neighbors {
     /// None yet, of those around `center`.
     #[inline(always)]
     pub fn around(center: UVec2) -> Self {
-        Self { count: 0, center, offsets: Words::ZERO }
+        Self { count: 0, center: [center.x, center.y], offsets: Words::ZERO }
     }
 
     /// Neighbour number `i`.
@@ -104,8 +104,8 @@ impl Neighbors {
         let offset = self.offsets.get(i >> 1) >> ((i & 1) * 16);
         let (x, y) = (offset & 0xff, (offset >> 8) & 0xff);
         UVec2::new(
-            self.center.x.wrapping_add(x).wrapping_sub(OFFSET_BIAS),
-            self.center.y.wrapping_add(y).wrapping_sub(OFFSET_BIAS),
+            self.center[0].wrapping_add(x).wrapping_sub(OFFSET_BIAS),
+            self.center[1].wrapping_add(y).wrapping_sub(OFFSET_BIAS),
         )
     }
 
@@ -120,8 +120,8 @@ impl Neighbors {
 
     #[inline(always)]
     fn set(&mut self, i: u32, px: UVec2) {
-        let x = px.x.wrapping_add(OFFSET_BIAS).wrapping_sub(self.center.x) & 0xff;
-        let y = px.y.wrapping_add(OFFSET_BIAS).wrapping_sub(self.center.y) & 0xff;
+        let x = px.x.wrapping_add(OFFSET_BIAS).wrapping_sub(self.center[0]) & 0xff;
+        let y = px.y.wrapping_add(OFFSET_BIAS).wrapping_sub(self.center[1]) & 0xff;
         let shift = (i & 1) * 16;
         let kept = self.offsets.get(i >> 1) & !(0xffff << shift);
         self.offsets.set(i >> 1, kept | ((x | (y << 8)) << shift));

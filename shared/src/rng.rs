@@ -1,6 +1,6 @@
 //! Random numbers: a hash of (pixel, seed, frame, stage, dimension), the same integers on every processor.
 
-use glam::{UVec2, UVec4};
+use glam::UVec2;
 
 use crate::{frame::Frame, numerics::unit_float};
 
@@ -39,7 +39,8 @@ pub struct Rng {
     seed: u32,
     frame: u32,
     dimension: u32,
-    spare: UVec4,
+    // Not a vector: naga would round the size of the struct up.
+    spare: [u32; 3],
     spare_count: u32,
 }
 
@@ -67,7 +68,7 @@ impl Rng {
     /// The stream of a key of four words; the last counts up.
     #[inline]
     pub fn from_words(pixel: u32, seed: u32, frame: u32, dimension: u32) -> Self {
-        Self { pixel, seed, frame, dimension, spare: UVec4::ZERO, spare_count: 0 }
+        Self { pixel, seed, frame, dimension, spare: [0; 3], spare_count: 0 }
     }
 
     /// The stream from number `count` times four on.
@@ -81,12 +82,13 @@ impl Rng {
     pub fn next_word(&mut self) -> u32 {
         if self.spare_count == 0 {
             let [x, y, z, w] = self.next_four();
-            self.spare = UVec4::new(x, y, z, w);
-            self.spare_count = 4;
+            self.spare = [y, z, w];
+            self.spare_count = 3;
+            return x;
         }
         self.spare_count -= 1;
-        let word = self.spare.x;
-        self.spare = UVec4::new(self.spare.y, self.spare.z, self.spare.w, 0);
+        let [word, y, z] = self.spare;
+        self.spare = [y, z, 0];
         word
     }
 
@@ -117,15 +119,11 @@ fn pack_pixel(px: UVec2) -> u32 {
     (px.x & 0xffff) | (px.y << 16)
 }
 
-/// Where the numbers of a stage and reservoir begin. Scattered, because [`pcg4d`] carries a difference in the upper bits
-/// of its last word to few others.
-///
-/// Source: O'Neill 2014, "PCG: A Family of Simple Fast Space-Efficient Statistically Good Algorithms", RXS-M-XS.
+/// Where the numbers of a stage (below 64) and a reservoir begin: some millions apart, by an odd factor, because
+/// [`pcg4d`] carries a difference in the upper bits of its last word to few others.
 #[inline]
 fn first_dimension(stage: u32, reservoir: u32) -> u32 {
-    let state = (stage | (reservoir << 8)).wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-    let word = ((state >> ((state >> 28) + 4)) ^ state).wrapping_mul(277_803_737);
-    (word >> 22) ^ word
+    (stage | (reservoir << 6)).wrapping_mul(2_654_435_761)
 }
 
 /// A hash from four words to four words.
@@ -187,7 +185,7 @@ mod tests {
     fn no_two_stages_share_numbers_or_are_correlated() {
         let starts: Vec<u32> = (0..64).flat_map(|s| (0..8).map(move |r| first_dimension(s, r))).collect();
         for (i, a) in starts.iter().enumerate() {
-            assert!(starts[..i].iter().all(|b| a.wrapping_sub(*b).min(b.wrapping_sub(*a)) > 1 << 14), "{i}");
+            assert!(starts[..i].iter().all(|b| a.wrapping_sub(*b).min(b.wrapping_sub(*a)) > 1 << 20), "{i}");
         }
         let value = |dimension: u32, i: u32| (pcg4d(i & 255 | i >> 8 << 16, 3, 7, dimension)[0] >> 29) as usize;
         for (i, &a) in starts.iter().enumerate().step_by(8) {

@@ -99,25 +99,24 @@ pub fn screen_occlusion(frame: &Frame, surfaces: &[Surface], px: UVec2, position
     // The projection is not linear along the ray: 1 / depth is.
     let inverse_start = 1.0 / max(depth, 1e-30);
     let inverse_end = 1.0 / max(depth + toward.dot(frame.camera_forward), 1e-30);
+    let mut factor = 1.0;
     let mut i = 1;
     while i <= STEPS {
-        let t = share * i as f32 / STEPS as f32;
+        let t = share * (i as f32 * (1.0 / STEPS as f32));
         let (x, y) = (px.x as f32 + 0.5 + dx * t, px.y as f32 + 0.5 + dy * t);
-        if !(x >= 0.0 && y >= 0.0 && x < frame.width as f32 && y < frame.height as f32) {
-            return 1.0;
-        }
-        let there = UVec2::new(x as u32, y as u32);
-        if there != px {
+        if x >= 0.0 && y >= 0.0 && x < frame.width as f32 && y < frame.height as f32 {
+            let there = UVec2::new(x as u32, y as u32);
             let surface = load(surfaces, frame.index_of(there));
             let ray_depth = 1.0 / (inverse_start + (inverse_end - inverse_start) * t);
             let surface_depth = (surface.position() - frame.camera_origin).dot(frame.camera_forward);
-            if !surface.is_sky() && surface_depth < ray_depth * 0.995 && surface_depth > ray_depth * 0.9 {
-                return occlusion::REST;
+            let is_between = surface_depth < ray_depth * 0.995 && surface_depth > ray_depth * 0.9;
+            if is_between && !surface.is_sky() && (there.x != px.x || there.y != px.y) {
+                factor = occlusion::REST;
             }
         }
         i += 1;
     }
-    1.0
+    factor
 }
 
 /// Where on the image a point is that lies before the camera, in pixels from the upper left corner. `offset`: from the

@@ -11,7 +11,7 @@ use weir::{
     },
     graph::{Facts, Plan},
     packed::{Moment, PackedScene},
-    render::{Request, facts_of},
+    render::{Request, facts_of, frame_of},
     scene::{Camera, Scene},
     sequence::{Sequence, Shot},
     technique::{Technique, ToneCurve, direct_light},
@@ -20,7 +20,10 @@ use weir_shader::{
     PASSES,
     wiring::{Band, Buffers, Extent, Pass, Variant},
 };
-use weir_shared::{frame::FramePair, moments::Moments};
+use weir_shared::{
+    frame::{Frame, FramePair},
+    moments::Moments,
+};
 use weir_tests::{gpu_or_skip, request, scenes};
 
 const WIDTH: u32 = 61;
@@ -276,6 +279,11 @@ fn a_moved_scene_draws_the_same_whether_it_is_updated_or_uploaded_anew() {
         let bytes = &case.packed.buffers().bytes(change.buffer)[change.range.clone()];
         updated.update_scene(change.buffer, change.range.start as u64, bytes).expect("the range is in the buffer");
     }
+    for frames in &mut case.frames {
+        let Frame { index, accumulated, .. } = frames.now;
+        let now = Frame { index, accumulated, ..frame_of(&case.packed, &case.request) };
+        *frames = FramePair { now, prev: now };
+    }
     for frame in &case.frames {
         updated.run(frame).expect("the GPU works");
     }
@@ -323,7 +331,7 @@ fn a_buffer_that_the_gpu_cannot_bind_is_named_with_its_size_and_the_way_out() {
     let case = huge;
     let refused = GpuExecutor::new(&gpu, &plan, case.packed.buffers(), Loader::Auto, Module::Plain);
     let message = refused.map(drop).expect_err("no GPU has so much").to_string();
-    assert!(message.starts_with("`surfaces` of 32768x32768 pixels needs 51540 MB in one buffer, `"), "{message}");
+    assert!(message.starts_with("`emitted` of 32768x32768 pixels needs 17180 MB in one buffer, `"), "{message}");
     assert!(message.ends_with("; render at a smaller size or use --backend cpu"), "{message}");
 }
 
