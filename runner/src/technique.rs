@@ -117,6 +117,13 @@ impl std::fmt::Display for Technique {
 }
 
 impl Technique {
+    /// Rays in directions of the BSDF, for each reservoir. They find no light that is hidden, so a reservoir that they
+    /// feed speaks of visible lights only: reuse must know of visibility, or neighbours would be too dark.
+    pub fn bsdf_rays(self, settings: &Settings) -> u32 {
+        let reuses = self == Self::RealTime || self.rounds(settings) > 0;
+        if reuses && settings.rays.probe() == probe::NONE { 0 } else { settings.candidates_bsdf }
+    }
+
     /// Rounds of spatial reuse.
     pub fn rounds(self, settings: &Settings) -> u32 {
         match self {
@@ -167,7 +174,9 @@ fn steps(technique: Technique, settings: &Settings, curve: ToneCurve) -> Vec<Ste
     let reuses = technique == Technique::RealTime || rounds > 0;
     let pairwise = matches!(settings.mis_form, form::PAIRWISE | form::PAIRWISE_DEFENSIVE);
     let mut chain = Chain { steps: Vec::new(), held: "fresh", gathered: None, is_seen: false };
-    chain.push(step("bsdf_rays").only_if(settings.candidates_bsdf > 0, "`candidates.bsdf` is 0"));
+    let why_not =
+        if settings.candidates_bsdf > 0 { "reuse does not know of visibility" } else { "`candidates.bsdf` is 0" };
+    chain.push(step("bsdf_rays").only_if(technique.bsdf_rays(settings) > 0, why_not));
     chain.push(step("candidates"));
     if reuses && rays.before() {
         chain.look("fresh_visible");

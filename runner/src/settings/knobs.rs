@@ -125,7 +125,8 @@ pub const KNOBS: &[Knob] = &[
         key: "candidates.bsdf",
         values: "0 or 1",
         help: "rays in directions drawn from the BSDF, whose hits are candidates too. More: less noise where glossy \
-               surfaces mirror lights, or lights are near; less: a ray less. Default 1",
+               surfaces mirror lights, or lights are near; less: a ray less. With reuse they need `rays=balanced` or \
+               `quality`, and are left out otherwise: they never find what is hidden. Default 1",
         set: |s, text| number(&mut s.candidates_bsdf, text, 0, 1),
         get: |s| text(s.candidates_bsdf),
     },

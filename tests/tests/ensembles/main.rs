@@ -151,6 +151,14 @@ fn a_chain_is_unbiased_where_neighbours_see_different_lights() {
     assert_unbiased(scenarios::half_shadowed());
 }
 
+/// Directions from the BSDF find only what is visible: without visibility in the targets they are left out.
+#[test]
+fn directions_from_the_bsdf_do_not_darken_a_chain_that_knows_of_no_visibility() {
+    let bench = Bench::new(scenarios::environment());
+    let wrong = bench.check(Technique::RealTime, &["rays=speed", "candidates.bsdf=1"]);
+    assert_eq!(wrong, None);
+}
+
 /// Knobs of reuse in the chain, each turned.
 const CHAIN_VARIANTS: &[&[&str]] = &[
     &["rays=speed", "reuse.mis=pairwise"],
