@@ -281,8 +281,9 @@ fn an_exr_file_has_layers() {
 #[test]
 fn the_reference_agrees_with_the_passes_on_the_mean() {
     let desk = Desk::new();
-    desk.render("cornell --spp 64 -o passes.exr").ends(Exit::Ok);
-    desk.render("cornell --spp 64 --integrator reference -o reference.exr").ends(Exit::Ok);
+    // The edge of the light in view is the noisiest thing there: many samples.
+    desk.render("cornell --spp 1024 --set still.rounds=1 -o passes.exr").ends(Exit::Ok);
+    desk.render("cornell --spp 1024 --integrator reference -o reference.exr").ends(Exit::Ok);
     let (passes, reference) = (mean(&desk.path("passes.exr")), mean(&desk.path("reference.exr")));
     assert!(passes > 0.0 && (passes / reference - 1.0).abs() < 0.03, "{passes} and {reference}");
 }
