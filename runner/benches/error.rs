@@ -1,4 +1,5 @@
-//! Error against time: `cargo bench --bench error -- SCENE [CAMERA.json] [seconds]`, SCENE a file or a built-in name.
+//! Error against time: `cargo bench --bench error -- SCENE [CAMERA.json] [seconds] [knobs ...]`, SCENE a file or a built-in
+//! name. Knobs such as `preset=fast,candidates.count=8` are measured in place of the presets.
 //!
 //! Stills first: a reference picture by the quality preset, for eight times the seconds and from another seed; then each
 //! method for the given time, one after the other. Then the real-time chain at its steady state, against one frame of
@@ -21,22 +22,14 @@ use weir::{
     technique::{Technique, ToneCurve},
 };
 
-/// Name, passes, knobs.
-const STILLS: &[(&str, Technique, &[&str])] = &[
-    ("power, one candidate", Technique::Candidates, &["candidates.count=1", "candidates.bsdf=0"]),
-    (
-        "uniform, one candidate",
-        Technique::Candidates,
-        &["candidates.count=1", "candidates.bsdf=0", "candidates.source=uniform"],
-    ),
-    ("32 candidates, no reuse", Technique::Candidates, &["candidates.count=32", "candidates.bsdf=0"]),
-    ("fast", Technique::Still, &["preset=fast"]),
-    ("balanced", Technique::Still, &["preset=balanced"]),
-    ("quality", Technique::Still, &["preset=quality"]),
-    ("paper", Technique::Still, &["preset=paper"]),
+/// Without reuse: name, knobs.
+const WITHOUT: &[(&str, &str)] = &[
+    ("power, one candidate", "candidates.count=1,candidates.tree=0,candidates.bsdf=0"),
+    ("uniform, one candidate", "candidates.count=1,candidates.tree=0,candidates.bsdf=0,candidates.source=uniform"),
+    ("32 candidates, no reuse", "candidates.count=32,candidates.tree=0,candidates.bsdf=0"),
 ];
 
-const CHAINS: &[&str] = &["fast", "balanced", "quality", "paper"];
+const PRESETS: &[&str] = &["preset=fast", "preset=balanced", "preset=quality", "preset=paper"];
 
 /// Frames until the chain has forgotten its beginning.
 const CHAIN_FRAMES: u32 = 48;
@@ -60,9 +53,9 @@ fn errors(rendered: &Rendered, reference: &Rendered) -> Errors {
     Errors { rel_mse: rel_mse / n, mape: mape / n }
 }
 
-fn settings(knobs: &[&str]) -> Result<Settings, Box<dyn std::error::Error>> {
+fn settings(knobs: &str) -> Result<Settings, Box<dyn std::error::Error>> {
     let mut settings = Settings::default();
-    for knob in knobs {
+    for knob in knobs.split(',') {
         settings.apply(knob)?;
     }
     settings.apply("camera.jitter=off")?;
@@ -83,9 +76,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         (None, Some(camera)) => camera,
         (None, None) => Camera::framing(scene.bounds().ok_or("the scene is empty")?),
     };
+    let given: Vec<&str> = arguments.iter().filter(|a| a.contains('=')).map(String::as_str).collect();
+    let methods = if given.is_empty() { PRESETS } else { &given };
     let mut packed = PackedScene::new(&scene, 0.0)?;
     let backend = Backend::Cpu(Order::default());
-    let request = |technique, knobs: &[&str], seed, stop| -> Result<Request, Box<dyn std::error::Error>> {
+    let request = |technique, knobs: &str, seed, stop| -> Result<Request, Box<dyn std::error::Error>> {
         Ok(Request {
             width: 320,
             height: 180,
@@ -100,18 +95,19 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let limit = |seconds| Stop::Time(Duration::from_secs_f64(seconds));
 
-    let reference = request(Technique::Still, &["preset=quality"], 99, limit(8.0 * seconds))?;
+    let reference = request(Technique::Still, "preset=quality", 99, limit(8.0 * seconds))?;
     let reference = render(&packed, &reference, &backend, |_| true)?;
     println!("{name}, 320x180, {} threads; reference of {} frames", rayon::current_num_threads(), reference.samples);
     println!("{:<26} {:>8} {:>10} {:>10} {:>9} {:>12}", "stills", "frames", "ms/frame", "relMSE", "MAPE", "N_eff");
     let mut one_candidate = None;
     let mut best_without = f64::INFINITY;
-    for (method, technique, knobs) in STILLS {
-        let rendered = render(&packed, &request(*technique, knobs, 1, limit(seconds))?, &backend, |_| true)?;
+    let without = WITHOUT.iter().map(|(name, knobs)| (*name, Technique::Candidates, *knobs));
+    for (method, technique, knobs) in without.chain(methods.iter().map(|m| (*m, Technique::Still, *m))) {
+        let rendered = render(&packed, &request(technique, knobs, 1, limit(seconds))?, &backend, |_| true)?;
         let Errors { rel_mse, mape } = errors(&rendered, &reference);
         let per_frame = rel_mse * f64::from(rendered.samples);
         let baseline = *one_candidate.get_or_insert(per_frame);
-        let gain = if *technique == Technique::Candidates {
+        let gain = if technique == Technique::Candidates {
             best_without = rel_mse.min(best_without);
             String::new()
         } else {
@@ -127,7 +123,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     }
 
     println!("{:<26} {:>8} {:>10} {:>10} {:>9}", "one frame, real time", "frame", "ms/frame", "relMSE", "MAPE");
-    let alone = request(Technique::Candidates, &["candidates.count=32", "candidates.bsdf=0"], 2, Stop::Samples(1))?;
+    let alone = request(Technique::Candidates, WITHOUT[2].1, 2, Stop::Samples(1))?;
     let alone = render(&packed, &alone, &backend, |_| true)?;
     let show = |label: &str, frames: u32, rendered: &Rendered| {
         let Errors { rel_mse, mape } = errors(rendered, &reference);
@@ -135,11 +131,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         println!("{label:<26} {frames:>8} {ms:>10.1} {rel_mse:>10.4} {:>7.2} %", mape * 100.0);
     };
     show("32 candidates, no reuse", 1, &alone);
-    for preset in CHAINS {
-        let knob = format!("preset={preset}");
-        let request = request(Technique::RealTime, &[&knob], 3, Stop::Samples(CHAIN_FRAMES))?;
+    for method in methods {
+        let request = request(Technique::RealTime, method, 3, Stop::Samples(CHAIN_FRAMES))?;
         let rendered = render_real_time(&mut packed, &request, &backend, |_| true)?;
-        show(preset, CHAIN_FRAMES, &rendered);
+        show(method, CHAIN_FRAMES, &rendered);
     }
     Ok(())
 }

@@ -105,7 +105,8 @@ fn measure<const INSTANCES: bool>(packed: &PackedScene, frame: &Frame) {
         .filter(|_| frame.light_count > 0)
         .map(|(surface, i)| {
             let picked = light::pick(frame, &scene, &packed.lights, pcg4d(*i, 5, 6, 7));
-            let point = light::evaluate::<false, false>(frame, &scene, picked.light, pcg4d(*i, 8, 9, 10)[0]);
+            let place = light::place_of(frame, &scene, picked.address);
+            let point = light::evaluate_triangle::<false>(frame, &scene, place, pcg4d(*i, 8, 9, 10)[0]);
             light::shadow_ray::<false>(surface, &point)
         })
         .collect();

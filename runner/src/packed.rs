@@ -1,6 +1,7 @@
 //! Scenes packed for the passes: a few flat buffers, by the layouts of [`weir_shared::scene`].
 
 mod geometry;
+mod light_tree;
 mod moment;
 mod top_level;
 mod tree;
@@ -151,7 +152,7 @@ impl PackedScene {
         // What changes comes first, twice: for this frame and the one before.
         let capacity = moment::Capacity::of(scene, &meshes)?;
         let mut records = Records(vec![0; 2 * capacity.record_words()]);
-        let mut lights = vec![0; capacity.table_words()];
+        let mut lights = vec![0; capacity.light_words()];
         let mut frame = Frame::default();
 
         // Meshes, one after the other in every buffer.
@@ -167,13 +168,15 @@ impl PackedScene {
                 light_list_at: records.at() + mesh.attributes.len() as u32,
                 light_table_at: lights.len() as u32,
                 light_count: mesh.lights.len() as u32,
-                power: mesh.power,
+                light_tree_at: lights.len() as u32 + mesh.light_table.len() as u32,
+                light_bounds: mesh.light_bounds,
             });
             bvh.extend_from_slice(&mesh.nodes);
             triangles.extend_from_slice(&mesh.triangles);
             records.0.extend_from_slice(&mesh.attributes);
             records.0.extend_from_slice(&mesh.lights);
             lights.extend_from_slice(&mesh.light_table);
+            lights.extend_from_slice(&mesh.light_tree);
         }
 
         frame.materials_at = records.at();

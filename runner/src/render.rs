@@ -140,6 +140,7 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
         reservoirs: settings.reservoirs,
         round: 0,
         choice: settings.choice,
+        candidates_tree: settings.candidates_tree,
         candidates_bsdf: request.technique.bsdf_rays(settings),
         candidates_full: settings.candidates_full,
         mis_form: settings.mis_form,

@@ -59,6 +59,7 @@ impl Rays {
 pub struct Settings {
     pub candidates: u32,
     pub pick_by_power: bool,
+    pub candidates_tree: u32,
     pub candidates_bsdf: u32,
     pub candidates_full: u32,
     pub candidates_off_lattice: u32,

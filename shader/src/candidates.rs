@@ -4,7 +4,8 @@ use glam::UVec2;
 use weir_shared::{
     environment,
     frame::Frame,
-    light::{self, ENVIRONMENT_BIT, LightPoint, NO_LIGHT, Place},
+    light::{self, Address, ENVIRONMENT_BIT, NO_LIGHT},
+    light_tree,
     numerics::{is_finite, load},
     resample::{Chooser, Stream},
     reservoir::Reservoir,
@@ -22,6 +23,7 @@ type Sample = (u32, u32);
 #[derive(Clone, Copy)]
 struct Shares {
     table: u32,
+    tree: u32,
     environment: u32,
     bsdf: u32,
     /// Every emissive triangle once instead of drawing from the table.
@@ -30,9 +32,13 @@ struct Shares {
 
 impl Shares {
     /// At least one for the table and for the environment where there is any, or that light would be missing; with
-    /// both, a quarter of the candidates for the environment.
+    /// both, a quarter of the candidates for the environment. The light tree comes on top, unless lights are enumerated.
     fn new<const ENVIRONMENT: bool>(frame: &Frame, px: UVec2) -> Self {
-        let all = if is_on_lattice(frame, px) { frame.candidates } else { frame.candidates_off_lattice };
+        let (all, tree) = if is_on_lattice(frame, px) {
+            (frame.candidates, frame.candidates_tree)
+        } else {
+            (frame.candidates_off_lattice, frame.candidates_tree.min(frame.candidates_off_lattice))
+        };
         let environment = if !ENVIRONMENT {
             0
         } else if frame.light_count == 0 {
@@ -42,16 +48,16 @@ impl Shares {
         };
         let table = if frame.light_count == 0 { 0 } else { (all - environment.min(all)).max(1) };
         let enumerate = frame.light_count <= table;
-        let table = if enumerate { frame.light_count } else { table };
-        Self { table, environment, bsdf: frame.candidates_bsdf, enumerate }
+        let (table, tree) = if enumerate { (frame.light_count, 0) } else { (table, tree) };
+        Self { table, tree, environment, bsdf: frame.candidates_bsdf, enumerate }
     }
 }
 
 /// Offers light samples to a reservoir and keeps one; the zero reservoir for sky.
 ///
 /// The target p̂ is the mean over the colour channels of the unshadowed reflected radiance, per unit of (u, v).
-/// Techniques: emissive triangles by the scene's table, or each once if there are no more of them than candidates; texels
-/// of the environment; directions from the BSDF (`bsdf_hits`). A candidate has the weight p̂ / sum of N_t p_t over the
+/// Techniques: emissive triangles by the scene's table, or each once if there are no more of them than candidates;
+/// emissive triangles by the light tree; texels of the environment; directions from the BSDF (`bsdf_hits`). A candidate has the weight p̂ / sum of N_t p_t over the
 /// techniques t that can draw it, all densities over (light, u, v): balance weights, multiplied out.
 ///
 /// With `frame.candidates_full` groups, candidates of the table compete within their group by a target that leaves the
@@ -79,14 +85,16 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
 
     let grouped = frame.candidates_full > 0 && frame.candidates_full < shares.table && !shares.enumerate;
     let groups = if grouped { frame.candidates_full } else { 1 };
-    // Candidates one after the other: the table's, group by group and after each group its survivor; the environment's;
-    // the BSDF's. One loop body, because on a GPU everything is inlined.
+    // Candidates one after the other: the table's, group by group and after each group its survivor; the tree's; the
+    // environment's; the BSDF's. One loop body, because on a GPU everything is inlined.
     let of_table = shares.table + if grouped { groups } else { 0 };
-    let of_table_and_sky = of_table + shares.environment;
+    let of_triangles = of_table + shares.tree;
+    let of_table_and_sky = of_triangles + shares.environment;
     let total = of_table_and_sky + shares.bsdf;
     let group_rng = Rng::for_reservoir(px, reservoir, frame, Stage::GroupChoice);
     let mut cheap: Stream<f32, (u32, u32, f32), Chooser> =
         Stream::new((0, 0, 0.0), Chooser::new(group_rng, frame.choice));
+    let mut walk_rng = Rng::for_reservoir(px, reservoir, frame, Stage::LightTree);
     let (mut group, mut first, mut drawn) = (0, 0, 0);
     let mut i = 0;
     while i < total {
@@ -94,19 +102,21 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
         let group_end = shares.table * (group + 1) / groups;
         let is_survivor = grouped && i < of_table && drawn == group_end;
         let is_drawn = i < of_table && !is_survivor;
-        let is_sky = ENVIRONMENT && i >= of_table && i < of_table_and_sky;
+        let is_walked = i >= of_table && i < of_triangles;
+        let is_sky = ENVIRONMENT && i >= of_triangles && i < of_table_and_sky;
         let mut id = NO_LIGHT;
-        let (mut uv, mut pmf, mut count, mut survivor_ucw) = (0, 0.0, shares.table, 0.0);
-        let mut place = Place { instance: 0, triangle: 0 };
-        let mut place_known = false;
+        let (mut uv, mut pmf, mut survivor_ucw) = (0, 0.0, 0.0);
+        let mut address = Address { emitter: 0, local: 0 };
+        let mut address_known = false;
         if is_drawn {
             uv = rng.next_word();
             if shares.enumerate {
                 (id, pmf) = (drawn, 1.0 / shares.table as f32);
             } else {
                 let picked = light::pick(frame, scene, lights, rng.next_four());
-                (id, pmf, place) = (picked.light, picked.pmf, picked.place);
-                place_known = true;
+                (address, pmf) = (picked.address, picked.pmf);
+                id = light::light_at(frame, scene, address);
+                address_known = true;
             }
             drawn += 1;
         } else if is_survivor {
@@ -114,39 +124,63 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
             if survivor_ucw > 0.0 {
                 (id, uv, pmf) = cheap.kept();
             }
+        } else if is_walked {
+            uv = rng.next_word();
         } else if is_sky {
             let bits = rng.next_four();
             let texel = environment::pick(frame, lights, bits[0], bits[1]);
             (id, uv, pmf) = (texel.index | ENVIRONMENT_BIT, bits[2], texel.pmf);
-            count = shares.environment;
         } else {
             let hit = load(bsdf_hits, frame.index_of_reservoir(px, reservoir));
             if hit.has_sample() {
                 (id, uv) = (hit.light, hit.uv);
                 if ENVIRONMENT && (id & ENVIRONMENT_BIT) != 0 {
                     pmf = environment::pmf(frame, lights, id & !ENVIRONMENT_BIT);
-                    count = shares.environment;
                 } else if shares.enumerate {
                     pmf = 1.0 / shares.table as f32;
-                } else {
-                    pmf = light::pmf(frame, scene, lights, id);
                 }
             }
         }
+        let is_distant = ENVIRONMENT && id != NO_LIGHT && (id & ENVIRONMENT_BIT) != 0;
+        if id != NO_LIGHT && !is_distant && !address_known {
+            address = light::address_of(frame, scene, id);
+        }
+        // Among the candidates of a group only the table's probability counts; the tree's is asked of the survivor.
+        let meets_cheap_target = grouped && is_drawn;
+        let mut walked_density = 0.0;
+        if shares.tree > 0 && !is_distant && !meets_cheap_target && (is_walked || id != NO_LIGHT) {
+            let (position, normal) = (domain.position, domain.bsdf.normal);
+            let reached = light_tree::walk(frame, scene, lights, position, normal, !is_walked, address, &mut walk_rng);
+            if is_walked && reached.pmf > 0.0 {
+                address = reached.address;
+                id = light::light_at(frame, scene, address);
+            }
+            walked_density = reached.pmf * shares.tree as f32;
+        }
         if id != NO_LIGHT {
-            let point = if ENVIRONMENT && (id & ENVIRONMENT_BIT) != 0 {
+            let point = if is_distant {
                 light::evaluate_environment(frame, scene, id, uv)
             } else {
-                if !place_known {
-                    place = light::find(frame, scene, id);
-                }
-                light::evaluate_triangle::<TEXTURES>(frame, scene, place, uv)
+                light::evaluate_triangle::<TEXTURES>(frame, scene, light::place_of(frame, scene, address), uv)
             };
-            if grouped && is_drawn {
+            if meets_cheap_target {
                 let target = domain.cheap_target::<ENVIRONMENT>(&point);
                 cheap.offer((id, uv, pmf), target, target / (pmf * (group_end - first) as f32));
             } else {
-                let (mut target, density) = density::<ENVIRONMENT, SPECULAR>(&domain, &point, pmf, count, &shares);
+                let is_pmf_known = is_drawn || is_survivor || is_distant || shares.enumerate;
+                if !is_pmf_known {
+                    pmf = light::pmf(frame, scene, lights, address);
+                }
+                let drawn_density = pmf * (if is_distant { shares.environment } else { shares.table }) as f32;
+                let (mut target, density) = if shares.bsdf == 0 {
+                    (domain.target::<ENVIRONMENT, SPECULAR>(&point), drawn_density + walked_density)
+                } else {
+                    let (target, bsdf) = domain.target_and_density::<ENVIRONMENT, SPECULAR>(&point);
+                    // What a direction finds with infinite density it finds alone; an overflow must not make that a zero
+                    // weight.
+                    let bsdf = if is_finite(bsdf) { bsdf } else { 1e30 };
+                    (target, drawn_density + walked_density + bsdf * shares.bsdf as f32)
+                };
                 if frame.occlusion == occlusion::SCREEN && target > 0.0 {
                     target *= screen_occlusion(frame, surfaces, px, domain.position, &point);
                 }
@@ -165,23 +199,4 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
     }
     let (id, uv) = stream.kept();
     Reservoir::new(id, uv, stream.contribution_weight(), 1)
-}
-
-/// Target of a candidate, and its balance denominator: `count` draws of probability `pmf`, and the directions from the
-/// BSDF.
-#[inline(always)]
-fn density<const ENVIRONMENT: bool, const SPECULAR: bool>(
-    domain: &Domain,
-    point: &LightPoint,
-    pmf: f32,
-    count: u32,
-    shares: &Shares,
-) -> (f32, f32) {
-    if shares.bsdf == 0 {
-        return (domain.target::<ENVIRONMENT, SPECULAR>(point), pmf * count as f32);
-    }
-    let (target, bsdf) = domain.target_and_density::<ENVIRONMENT, SPECULAR>(point);
-    // What a direction finds with infinite density it finds alone; an overflow must not make that a zero weight.
-    let bsdf = if is_finite(bsdf) { bsdf } else { 1e30 };
-    (target, pmf * count as f32 + bsdf * shares.bsdf as f32)
 }

@@ -124,11 +124,16 @@ pub struct Frame {
     pub occlusion: u32,
     /// Candidates of pixels that are not on the lattice.
     pub candidates_off_lattice: u32,
+    /// Candidates beside [`Frame::candidates`] that come down the light tree.
+    pub candidates_tree: u32,
+
     /// Not used.
-    pub padding: u32,
+    pub padding: Vec3,
+    /// Where the light tree over emitters starts in `lights`.
+    pub light_tree_at: u32,
 }
 
-const _: () = assert!(size_of::<Frame>() == 240 && offset_of!(Frame, environment_scale) == 144);
+const _: () = assert!(size_of::<Frame>() == 256 && offset_of!(Frame, environment_scale) == 144);
 
 /// The uniform of a step: the frame, and the one before it.
 ///
@@ -143,7 +148,7 @@ pub struct FramePair {
     pub prev: Frame,
 }
 
-const _: () = assert!(size_of::<FramePair>() == 480 && offset_of!(FramePair, prev) == 240);
+const _: () = assert!(size_of::<FramePair>() == 512 && offset_of!(FramePair, prev) == 256);
 
 impl FramePair {
     /// What the scene is asked by (instances, lights, acceleration structure, environment) in this frame or in that

@@ -13,6 +13,7 @@ pub mod camera;
 pub mod environment;
 pub mod frame;
 pub mod light;
+pub mod light_tree;
 pub mod merge;
 pub mod moments;
 pub mod numerics;

@@ -80,6 +80,28 @@ fn emitter_of(frame: &Frame, scene: &Scene, light: u32) -> u32 {
     low
 }
 
+/// A light by its emitter, and its number among the emissive triangles of that emitter's mesh.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Address {
+    /// Number among the emitters.
+    pub emitter: u32,
+    /// Number among the emissive triangles of the mesh.
+    pub local: u32,
+}
+
+/// The address of a light.
+#[inline(always)]
+pub fn address_of(frame: &Frame, scene: &Scene, light: u32) -> Address {
+    let emitter = emitter_of(frame, scene, light);
+    Address { emitter, local: light - scene.emitter_word(frame, emitter, emitter_record::FIRST_LIGHT) }
+}
+
+/// The light at an address.
+#[inline(always)]
+pub fn light_at(frame: &Frame, scene: &Scene, address: Address) -> u32 {
+    scene.emitter_word(frame, address.emitter, emitter_record::FIRST_LIGHT) + address.local
+}
+
 /// Where the triangle of a light is.
 #[derive(Clone, Copy)]
 pub struct Place {
@@ -89,20 +111,19 @@ pub struct Place {
     pub triangle: u32,
 }
 
-/// The triangle of emissive triangle number `local` of an instance.
+/// Where the triangle at an address is.
 #[inline(always)]
-fn place_of(frame: &Frame, scene: &Scene, instance: u32, local: u32) -> Place {
+pub fn place_of(frame: &Frame, scene: &Scene, address: Address) -> Place {
+    let instance = scene.emitter_word(frame, address.emitter, emitter_record::INSTANCE);
     let list = scene.instance_word(frame, instance, instance_record::LIGHT_LIST_AT);
     let first = scene.instance_word(frame, instance, instance_record::FIRST_TRIANGLE);
-    Place { instance, triangle: first + scene.record(list + local) }
+    Place { instance, triangle: first + scene.record(list + address.local) }
 }
 
 /// Where the triangle of a light is.
 #[inline(always)]
 pub fn find(frame: &Frame, scene: &Scene, light: u32) -> Place {
-    let emitter = emitter_of(frame, scene, light);
-    let instance = scene.emitter_word(frame, emitter, emitter_record::INSTANCE);
-    place_of(frame, scene, instance, light - scene.emitter_word(frame, emitter, emitter_record::FIRST_LIGHT))
+    place_of(frame, scene, address_of(frame, scene, light))
 }
 
 /// The id in frame `to` of what has the id `light` in frame `from`; [`NO_LIGHT`] if it is not there. One of the frames
@@ -113,14 +134,13 @@ pub fn translate(from: &Frame, to: &Frame, scene: &Scene, light: u32) -> u32 {
     if from.instances_at == to.instances_at || (light & ENVIRONMENT_BIT) != 0 {
         return light;
     }
-    let emitter = emitter_of(from, scene, light);
-    let instance = scene.emitter_word(from, emitter, emitter_record::INSTANCE);
+    let address = address_of(from, scene, light);
+    let instance = scene.emitter_word(from, address.emitter, emitter_record::INSTANCE);
     let counterpart = scene.instance_word(from, instance, instance_record::COUNTERPART);
     if counterpart == NO_INSTANCE {
         return NO_LIGHT;
     }
-    let local = light - scene.emitter_word(from, emitter, emitter_record::FIRST_LIGHT);
-    scene.instance_word(to, counterpart, instance_record::FIRST_LIGHT) + local
+    scene.instance_word(to, counterpart, instance_record::FIRST_LIGHT) + address.local
 }
 
 /// The point `uv` (two 16-bit numbers) of light `light`. Evaluated from the quantised numbers, so that every reader
@@ -223,12 +243,10 @@ pub fn shadow_ray<const ENVIRONMENT: bool>(surface: &Surface, light: &LightPoint
 /// An emissive triangle that was drawn.
 #[derive(Clone, Copy)]
 pub struct Picked {
-    /// Its id.
-    pub light: u32,
+    /// Which.
+    pub address: Address,
     /// Its probability.
     pub pmf: f32,
-    /// Where it is.
-    pub place: Place,
 }
 
 /// An emissive triangle by the scene's tables, or uniformly, from four times 32 random bits.
@@ -236,7 +254,7 @@ pub struct Picked {
 pub fn pick(frame: &Frame, scene: &Scene, lights: &[u32], bits: [u32; 4]) -> Picked {
     if frame.pick_by_power == 0 {
         let light = multiply_high(bits[0], frame.light_count);
-        return Picked { light, pmf: 1.0 / frame.light_count as f32, place: find(frame, scene, light) };
+        return Picked { address: address_of(frame, scene, light), pmf: 1.0 / frame.light_count as f32 };
     }
     // The table over emitters starts the buffer; each mesh has one over its emissive triangles.
     let emitter = alias::pick(lights, 0, frame.emitter_count, bits[0], bits[1]);
@@ -244,25 +262,18 @@ pub fn pick(frame: &Frame, scene: &Scene, lights: &[u32], bits: [u32; 4]) -> Pic
     let table = scene.instance_word(frame, instance, instance_record::LIGHT_TABLE_AT);
     let count = scene.instance_word(frame, instance, instance_record::LIGHT_COUNT);
     let local = alias::pick(lights, table, count, bits[2], bits[3]);
-    let first = scene.emitter_word(frame, emitter.index, emitter_record::FIRST_LIGHT);
-    Picked {
-        light: first + local.index,
-        pmf: emitter.pmf * local.pmf,
-        place: place_of(frame, scene, instance, local.index),
-    }
+    Picked { address: Address { emitter: emitter.index, local: local.index }, pmf: emitter.pmf * local.pmf }
 }
 
 /// Probability with which [`pick`] draws a light.
 #[inline(always)]
-pub fn pmf(frame: &Frame, scene: &Scene, lights: &[u32], light: u32) -> f32 {
+pub fn pmf(frame: &Frame, scene: &Scene, lights: &[u32], address: Address) -> f32 {
     if frame.pick_by_power == 0 {
         return 1.0 / frame.light_count as f32;
     }
-    let emitter = emitter_of(frame, scene, light);
-    let instance = scene.emitter_word(frame, emitter, emitter_record::INSTANCE);
+    let instance = scene.emitter_word(frame, address.emitter, emitter_record::INSTANCE);
     let table = scene.instance_word(frame, instance, instance_record::LIGHT_TABLE_AT);
-    let local = light - scene.emitter_word(frame, emitter, emitter_record::FIRST_LIGHT);
-    alias::pmf(lights, 0, emitter) * alias::pmf(lights, table, local)
+    alias::pmf(lights, 0, address.emitter) * alias::pmf(lights, table, address.local)
 }
 
 /// The id of the light that a ray has hit; [`NO_LIGHT`] if what it hit does not emit.

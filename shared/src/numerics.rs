@@ -20,6 +20,19 @@ pub fn load<T: Copy>(buffer: &[T], index: u32) -> T {
     buffer[index as usize]
 }
 
+/// `length` elements of `buffer` from `at` on, as a slice and where they start in it. On the host that is the slice of
+/// just these elements, so that one check of bounds serves them all.
+#[inline(always)]
+pub fn window<T>(buffer: &[T], at: u32, length: u32) -> (&[T], u32) {
+    #[cfg(target_arch = "spirv")]
+    {
+        let _ = length;
+        (buffer, at)
+    }
+    #[cfg(not(target_arch = "spirv"))]
+    (&buffer[at as usize..][..length as usize], 0)
+}
+
 /// Sets element `index` of `buffer`; as [`load`].
 #[inline(always)]
 pub fn store<T: Copy>(buffer: &mut [T], index: u32, value: T) {

@@ -18,6 +18,8 @@ pub enum Stage {
     GroupChoice = 6,
     /// Directions from the BSDF.
     BsdfRay = 7,
+    /// Ways down the light tree.
+    LightTree = 9,
     /// Which inputs temporal reuse has.
     TemporalInputs = 4,
     /// Which sample temporal reuse keeps.

@@ -49,8 +49,10 @@ pub mod instance_record {
     /// The same instance in the other frame (before, for this frame's; this, for that before), or
     /// [`super::NO_INSTANCE`].
     pub const COUNTERPART: u32 = 35;
+    /// Where the light tree of the mesh starts in `lights`, or [`crate::light_tree::NO_TREE`].
+    pub const LIGHT_TREE_AT: u32 = 36;
     /// Words in all.
-    pub const WORDS: u32 = 36;
+    pub const WORDS: u32 = 37;
 }
 
 /// What an instance says of itself, and which attributes its mesh has beside a material for each triangle.

@@ -132,7 +132,9 @@ fn frame_fields() -> Fields {
         occlusion_reach,
         occlusion,
         candidates_off_lattice,
+        candidates_tree,
         padding,
+        light_tree_at,
     })
 }
 

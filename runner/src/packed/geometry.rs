@@ -7,7 +7,10 @@ use weir_shared::{
     scene::{NO_NORMAL, attribute_flags},
 };
 
-use super::tree;
+use super::{
+    light_tree::{self, LightBounds},
+    tree,
+};
 use crate::scene::{Material, Mesh};
 
 /// A mesh in the form of the scene buffers, with indices counted from its own start.
@@ -20,8 +23,10 @@ pub(super) struct PackedMesh {
     pub(super) lights: Vec<u32>,
     /// Alias table over them.
     pub(super) light_table: Vec<u32>,
-    /// Sum of the weights of that table.
-    pub(super) power: f64,
+    /// Light tree over them.
+    pub(super) light_tree: Vec<u32>,
+    /// What is known of all of them; their power is the sum of the weights of the table.
+    pub(super) light_bounds: LightBounds,
     /// Lower and upper corner, object space.
     pub(super) bounds: [Vec3; 2],
 }
@@ -50,7 +55,7 @@ impl PackedMesh {
 
         let mut triangles = Vec::with_capacity(order.len() * 9);
         let mut attributes = Vec::new();
-        let (mut lights, mut weights) = (Vec::new(), Vec::new());
+        let (mut lights, mut weights, mut light_bounds) = (Vec::new(), Vec::new(), Vec::new());
         let mut bounds = [Vec3::splat(f32::INFINITY), Vec3::splat(f32::NEG_INFINITY)];
         for (local, &t) in order.iter().enumerate() {
             let [a, b, c] = corners(t);
@@ -74,9 +79,10 @@ impl PackedMesh {
             if weight > 0.0 {
                 lights.push(local as u32);
                 weights.push(weight);
+                light_bounds.push(LightBounds::triangle([a, b, c], material.two_sided_emission, weight));
             }
         }
-        let power = weights.iter().sum();
+        let (light_tree, light_bounds) = light_tree::build(&light_bounds);
         Self {
             nodes: tree.nodes.iter().flat_map(tree::rows).collect(),
             triangles,
@@ -84,7 +90,8 @@ impl PackedMesh {
             flags,
             lights,
             light_table: alias::build(&weights).unwrap_or_default(),
-            power,
+            light_tree,
+            light_bounds,
             bounds,
         }
     }

@@ -11,7 +11,12 @@ use weir_shared::{
     scene::{NO_INSTANCE, attribute_flags, emitter_record, instance_record},
 };
 
-use super::{Changed, PackError, PackedScene, geometry::PackedMesh, top_level::TopLevel};
+use super::{
+    Changed, PackError, PackedScene,
+    geometry::PackedMesh,
+    light_tree::{self, LightBounds},
+    top_level::TopLevel,
+};
 use crate::scene::Scene;
 
 /// What the scene shows at one moment.
@@ -36,7 +41,8 @@ pub(super) struct MeshStart {
     pub(super) light_list_at: u32,
     pub(super) light_table_at: u32,
     pub(super) light_count: u32,
-    pub(super) power: f64,
+    pub(super) light_tree_at: u32,
+    pub(super) light_bounds: LightBounds,
 }
 
 /// Most that a block can hold.
@@ -64,6 +70,11 @@ impl Capacity {
     /// Words of the table over emitters, of which there is one: the frame before is not sampled.
     pub(super) fn table_words(&self) -> usize {
         self.emitters * alias::ENTRY_WORDS as usize
+    }
+
+    /// Words of that table and of the light tree over emitters, which follows it.
+    pub(super) fn light_words(&self) -> usize {
+        self.table_words() + light_tree::capacity_words(self.emitters)
     }
 }
 
@@ -128,7 +139,7 @@ impl PackedScene {
             // Both blocks: each knows its counterparts in the other.
             Changed { buffer: "records", range: 0..2 * records },
             Changed { buffer: "bvh", range: first_node..first_node + rows },
-            Changed { buffer: "lights", range: 0..self.dynamics.capacity.table_words() * 4 },
+            Changed { buffer: "lights", range: 0..self.dynamics.capacity.light_words() * 4 },
         ])
     }
 
@@ -143,7 +154,7 @@ impl PackedScene {
 
         let emission_of: HashMap<u32, Vec3> = moment.emission.iter().copied().collect();
         let mut first_light = 0;
-        let (mut emitters, mut weights) = (Vec::new(), Vec::new());
+        let (mut emitters, mut weights, mut bounds) = (Vec::new(), Vec::new(), Vec::new());
         for (slot, (&instance, (world_from_object, object_from_world))) in
             drawn.iter().zip(&placed.transforms).enumerate()
         {
@@ -167,10 +178,13 @@ impl PackedScene {
             record[instance_record::EMISSION_SCALE as usize..][..3]
                 .copy_from_slice(&emission.to_array().map(f32::to_bits));
             record[instance_record::COUNTERPART as usize] = NO_INSTANCE;
+            record[instance_record::LIGHT_TREE_AT as usize] = start.light_tree_at;
             if start.light_count > 0 {
                 emitters.extend([first_light, slot as u32]);
                 let area_scale = f64::from(determinant.abs()).powf(2.0 / 3.0);
-                weights.push(start.power * area_scale * f64::from(emission.element_sum() / 3.0));
+                let weight = start.light_bounds.power * area_scale * f64::from(emission.element_sum() / 3.0);
+                weights.push(weight);
+                bounds.push(start.light_bounds.placed(world_from_object, object_from_world, weight));
                 first_light += start.light_count;
             }
         }
@@ -183,6 +197,9 @@ impl PackedScene {
         }
         let table = alias::build(&weights).unwrap_or_default();
         self.lights[..table.len()].copy_from_slice(&table);
+        let (tree, _) = light_tree::build(&bounds);
+        self.lights[capacity.table_words()..][..tree.len()].copy_from_slice(&tree);
+        self.frame.light_tree_at = capacity.table_words() as u32;
         let first_row = self.dynamics.top.first_row + half * self.dynamics.top.capacity_rows();
         self.bvh[first_row..first_row + placed.nodes.len()].copy_from_slice(&placed.nodes);
 

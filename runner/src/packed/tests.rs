@@ -313,11 +313,12 @@ fn the_probability_of_a_light_is_the_one_it_is_picked_with_and_hits_know_their_l
         let frame = Frame { pick_by_power: by_power, ..frame };
         for i in 0..2_000 {
             let picked = light::pick(&frame, &view, &packed.lights, pcg4d(i, 1, 2, 3));
-            assert_eq!(picked.pmf, light::pmf(&frame, &view, &packed.lights, picked.light));
-            let place = light::find(&frame, &view, picked.light);
-            assert_eq!((place.instance, place.triangle), (picked.place.instance, picked.place.triangle));
+            assert_eq!(picked.pmf, light::pmf(&frame, &view, &packed.lights, picked.address));
+            let light = light::light_at(&frame, &view, picked.address);
+            assert_eq!(light::address_of(&frame, &view, light), picked.address);
+            let place = light::find(&frame, &view, light);
             let hit = Hit { t: 1.0, u: 0.0, v: 0.0, triangle: place.triangle, instance: place.instance };
-            assert_eq!(light::of_hit(&frame, &view, &hit), picked.light);
+            assert_eq!(light::of_hit(&frame, &view, &hit), light);
         }
     }
     let dark = Hit { t: 1.0, u: 0.0, v: 0.0, triangle: 0, instance: 0 };

@@ -122,6 +122,15 @@ pub const KNOBS: &[Knob] = &[
         get: |s| name_of(s.pick_by_power, SOURCES),
     },
     Knob {
+        key: "candidates.tree",
+        values: "0 to 256",
+        help: "candidates that come down a tree over the lights, which knows where they are and where they face. More: \
+               less noise where lights are many and the near ones matter; less: faster frames. Beside them one or two of \
+               `candidates.count` do. Default 4",
+        set: |s, text| number(&mut s.candidates_tree, text, 0, 256),
+        get: |s| text(s.candidates_tree),
+    },
+    Knob {
         key: "candidates.bsdf",
         values: "0 or 1",
         help: "rays in directions drawn from the BSDF, whose hits are candidates too. More: less noise where glossy \

@@ -36,6 +36,7 @@ impl Preset {
         let balanced = Settings {
             candidates: 16,
             pick_by_power: true,
+            candidates_tree: 4,
             candidates_bsdf: 1,
             candidates_full: 0,
             candidates_off_lattice: 2,
@@ -75,6 +76,7 @@ impl Preset {
             // twenty frames, no neighbours in the frame before.
             Self::Paper => Settings {
                 candidates: 32,
+                candidates_tree: 0,
                 candidates_bsdf: 0,
                 rays: Rays::Quality,
                 sum: false,

@@ -1,0 +1,233 @@
+//! The light tree: emissive triangles in proportion to how much of their light may reach a surface, if nothing is in
+//! between.
+//!
+//! Two levels: a tree over emitters, in world space, and for each mesh one over its emissive triangles, in object space,
+//! which all its instances share. A node holds what its children, up to eight, need to be compared: spheres around their
+//! triangles, cones around their normals, and their power. The host builds it (`packed::light_tree` of the crate `weir`).
+//!
+//! Source: Conty Estevez and Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree Splitting"; two levels:
+//! Moreau, Pharr and Clarberg 2019, "Dynamic Many-Light Sampling for Real-Time Ray Tracing".
+
+use glam::{UVec4, Vec3, Vec4};
+
+use crate::{
+    alias,
+    frame::Frame,
+    light::Address,
+    numerics::{load, max, sqrt, window},
+    rng::Rng,
+    scene::{Scene, emitter_record, instance_record},
+};
+
+/// Most children of a node. Eight, so that the host compares them with vector instructions.
+pub const WIDTH: u32 = 8;
+
+/// Words of a node: for each field the words of all children.
+pub const NODE_WORDS: u32 = WIDTH * node_field::COUNT;
+
+/// Fields of a node's children. A child that is not there has no power.
+pub mod node_field {
+    /// Center of a sphere around all points that emit, three fields.
+    pub const CENTER: u32 = 0;
+    /// Radius of that sphere.
+    pub const RADIUS: u32 = 3;
+    /// Emitted power, as a share of the whole tree's.
+    pub const POWER: u32 = 4;
+    /// Axis of a cone around all normals, times the cosine of its half angle, three fields; zero if that is a right angle
+    /// or more.
+    pub const AXIS: u32 = 5;
+    /// Sine of the half angle; 1 if that is a right angle or more.
+    pub const SIN_SPREAD: u32 = 8;
+    /// The child's node, counted from the root's, or its item with [`super::LEAF`].
+    pub const LINK: u32 = 9;
+    /// Fields in all.
+    pub const COUNT: u32 = 10;
+}
+
+/// Marks the link to an item.
+pub const LEAF: u32 = 0x8000_0000;
+
+/// A mesh without a tree, because it would be too large: its alias table stands in.
+pub const NO_TREE: u32 = 0xffff_ffff;
+
+/// Levels that a trail has room for. The trail of an item is one word with three bits a level, the root's lowest: which
+/// child leads to it. Trails of all items stand before the nodes.
+pub const MAX_DEPTH: u32 = 10;
+
+/// Probabilities of a choice are whole multiples of one part in this, so that they are exactly what they are said to be.
+const ONE: u32 = 1 << 23;
+
+/// An emissive triangle, and the probability of a walk to it.
+#[derive(Clone, Copy)]
+pub struct Reached {
+    /// The triangle; of no meaning if `pmf` is 0.
+    pub address: Address,
+    /// Its probability; 0 if the walk ended early, because no light below reaches the surface.
+    pub pmf: f32,
+}
+
+/// Walks down both trees as the surface at `position` with `normal` (of length 1, world space) weighs their nodes: to
+/// `goal` if `has_goal`, else to where the random numbers lead.
+///
+/// One function for both, because on a GPU everything is inlined.
+#[inline(always)]
+pub fn walk(
+    frame: &Frame,
+    scene: &Scene,
+    lights: &[u32],
+    position: Vec3,
+    normal: Vec3,
+    has_goal: bool,
+    goal: Address,
+    rng: &mut Rng,
+) -> Reached {
+    let mut address = goal;
+    let mut pmf = 1.0;
+    let (mut position, mut normal) = (position, normal);
+    let (mut at, mut count) = (frame.light_tree_at, frame.emitter_count);
+    let mut is_mesh = false;
+    let mut is_done = false;
+    while !is_done {
+        let has_tree = at != NO_TREE && count > 1;
+        let item = if is_mesh { goal.local } else { goal.emitter };
+        let mut trail = if has_goal && has_tree { load(lights, at + item) } else { 0 };
+        // Without nodes there is only the first item.
+        let mut link = if has_tree { 0 } else { LEAF };
+        while (link & LEAF) == 0 {
+            let (words, node) = window(lights, at + count + link * NODE_WORDS, NODE_WORDS);
+            let bits = if has_goal { 0 } else { rng.next_word() >> 9 };
+            let choice = choose(words, node, position, normal, has_goal, trail & (WIDTH - 1), bits);
+            trail >>= 3;
+            pmf *= choice.part as f32 * (1.0 / ONE as f32);
+            link = if choice.part > 0 { load(words, node + node_field::LINK * WIDTH + choice.child) } else { LEAF };
+        }
+        let reached = link & !LEAF;
+        if is_mesh {
+            if !has_goal {
+                address.local = reached;
+            }
+            if at == NO_TREE && count > 1 {
+                let table =
+                    scene.instance_word(frame, instance_of(frame, scene, address), instance_record::LIGHT_TABLE_AT);
+                if !has_goal {
+                    let [x, y, _, _] = rng.next_four();
+                    address.local = alias::pick(lights, table, count, x, y).index;
+                }
+                pmf *= alias::pmf(lights, table, address.local);
+            }
+            is_done = true;
+        } else if pmf > 0.0 {
+            if !has_goal {
+                address.emitter = reached;
+            }
+            let instance = instance_of(frame, scene, address);
+            at = scene.instance_word(frame, instance, instance_record::LIGHT_TREE_AT);
+            count = scene.instance_word(frame, instance, instance_record::LIGHT_COUNT);
+            let record = scene.instance_at(frame, instance);
+            position = scene.transform_point(record + instance_record::OBJECT_FROM_WORLD, position);
+            // A plane goes to object space by the transpose of the matrix to world space.
+            let plane = scene.transform_normal(record + instance_record::WORLD_FROM_OBJECT, normal);
+            normal = plane * (1.0 / sqrt(max(plane.length_squared(), 1e-30)));
+            is_mesh = true;
+        } else {
+            is_done = true;
+        }
+    }
+    Reached { address, pmf }
+}
+
+#[inline(always)]
+fn instance_of(frame: &Frame, scene: &Scene, address: Address) -> u32 {
+    scene.emitter_word(frame, address.emitter, emitter_record::INSTANCE)
+}
+
+/// One level of a walk.
+struct Choice {
+    child: u32,
+    /// Its probability, in parts of [`ONE`].
+    part: u32,
+}
+
+/// The child `goal` of a node, or that which the random number `bits` below [`ONE`] chooses in proportion to what the
+/// children may matter.
+#[inline(always)]
+fn choose(words: &[u32], node: u32, position: Vec3, normal: Vec3, has_goal: bool, goal: u32, bits: u32) -> Choice {
+    let first = importances(words, node, position, normal);
+    let second = importances(words, node + 4, position, normal);
+    let first_sums = running_sums(first, 0.0);
+    let second_sums = running_sums(second, first_sums.w);
+    // Not times 1 / total: the last sum must come out as exactly one.
+    let total = max(second_sums.w, 1e-30);
+    let (first_bounds, second_bounds) = (parts(first_sums, total), parts(second_sums, total));
+    let mut choice = Choice { child: goal, part: 0 };
+    let mut lower = 0;
+    let mut i = 0;
+    while i < WIDTH {
+        let bounds = if i < 4 { first_bounds } else { second_bounds };
+        let upper = match i & 3 {
+            0 => bounds.x,
+            1 => bounds.y,
+            2 => bounds.z,
+            _ => bounds.w,
+        };
+        let is_chosen = if has_goal { i == goal } else { lower <= bits && bits < upper };
+        if is_chosen {
+            choice = Choice { child: i, part: upper - lower };
+        }
+        lower = upper;
+        i += 1;
+    }
+    choice
+}
+
+/// Each number with all before it, and `before`.
+#[inline(always)]
+fn running_sums(values: Vec4, before: f32) -> Vec4 {
+    let x = before + values.x;
+    let y = x + values.y;
+    let z = y + values.z;
+    Vec4::new(x, y, z, z + values.w)
+}
+
+/// Shares of `total` in whole parts of [`ONE`].
+#[inline(always)]
+fn parts(sums: Vec4, total: f32) -> UVec4 {
+    // From 2^23 to 2^24 floats are the whole numbers, and so are their bits.
+    let parts = sums / total * ONE as f32 + ONE as f32;
+    let first = (ONE as f32).to_bits();
+    UVec4::new(parts.x.to_bits(), parts.y.to_bits(), parts.z.to_bits(), parts.w.to_bits()) - UVec4::splat(first)
+}
+
+/// What the lights of four children may matter to a surface: power / distance², times the cosines at the light and at the
+/// surface. Positive wherever any point of any of the lights reaches the surface, unless that is beyond measure (1e-30).
+///
+/// Four at a time, because the host has instructions for that. Differs from the source: the cosines of an angle less the
+/// angles of cone and sphere are replaced by sums that are zero only where those are, and need no square roots:
+/// cos a cos o + sin o + r / d.
+#[inline(always)]
+fn importances(words: &[u32], node: u32, position: Vec3, normal: Vec3) -> Vec4 {
+    let lanes = |field: u32| {
+        let lane = |i: u32| f32::from_bits(load(words, node + field * WIDTH + i));
+        Vec4::new(lane(0), lane(1), lane(2), lane(3))
+    };
+    let toward_x = lanes(node_field::CENTER) - position.x;
+    let toward_y = lanes(node_field::CENTER + 1) - position.y;
+    let toward_z = lanes(node_field::CENTER + 2) - position.z;
+    let radius = lanes(node_field::RADIUS);
+    let distance2 = toward_x * toward_x + toward_y * toward_y + toward_z * toward_z;
+    let near2 = radius * radius;
+    let safe2 = distance2.max(Vec4::splat(1e-30));
+    let inverse = Vec4::ONE / Vec4::new(sqrt(safe2.x), sqrt(safe2.y), sqrt(safe2.z), sqrt(safe2.w));
+    let above = toward_x * normal.x + toward_y * normal.y + toward_z * normal.z;
+    let behind = toward_x * lanes(node_field::AXIS)
+        + toward_y * lanes(node_field::AXIS + 1)
+        + toward_z * lanes(node_field::AXIS + 2);
+    let receiving = (above + radius) * inverse;
+    let emitting = (radius - behind) * inverse + lanes(node_field::SIN_SPREAD);
+    // Within the sphere anything may be.
+    let within = ((near2 - distance2) * 1e30).max(Vec4::ZERO).min(Vec4::ONE);
+    let cosines = receiving.max(Vec4::ZERO).min(Vec4::ONE) * emitting.max(Vec4::ZERO).min(Vec4::ONE);
+    let value = lanes(node_field::POWER) * cosines.max(within) / safe2.max(near2);
+    // The sum of eight is finite. Denormal numbers, which some processors take for zero, are zero on all.
+    (value - 1e-30).max(Vec4::ZERO).min(Vec4::splat(1e30))
+}
