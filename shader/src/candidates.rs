@@ -31,14 +31,10 @@ struct Shares {
 }
 
 impl Shares {
-    /// At least one for the table and for the environment where there is any, or that light would be missing; with
-    /// both, a quarter of the candidates for the environment. The light tree comes on top, unless lights are enumerated.
+    /// At least one for the table and for the environment where there is any, or that light would be missing; with both,
+    /// a quarter of the candidates for the environment. Of the rest the light tree has as many as it may.
     fn new<const ENVIRONMENT: bool>(frame: &Frame, px: UVec2) -> Self {
-        let (all, tree) = if is_on_lattice(frame, px) {
-            (frame.candidates, frame.candidates_tree)
-        } else {
-            (frame.candidates_off_lattice, frame.candidates_tree.min(frame.candidates_off_lattice))
-        };
+        let all = if is_on_lattice(frame, px) { frame.candidates } else { frame.candidates_off_lattice };
         let environment = if !ENVIRONMENT {
             0
         } else if frame.light_count == 0 {
@@ -46,9 +42,10 @@ impl Shares {
         } else {
             (all / 4).max(1)
         };
-        let table = if frame.light_count == 0 { 0 } else { (all - environment.min(all)).max(1) };
-        let enumerate = frame.light_count <= table;
-        let (table, tree) = if enumerate { (frame.light_count, 0) } else { (table, tree) };
+        let triangles = if frame.light_count == 0 { 0 } else { (all - environment.min(all)).max(1) };
+        let enumerate = frame.light_count <= triangles;
+        let tree = if enumerate { 0 } else { frame.candidates_tree.min(triangles - 1) };
+        let table = if enumerate { frame.light_count } else { triangles - tree };
         Self { table, tree, environment, bsdf: frame.candidates_bsdf, enumerate }
     }
 }

@@ -82,7 +82,7 @@ pub struct Frame {
     /// How an item of a stream is chosen, see [`crate::resample::choice`].
     pub choice: u32,
 
-    /// Candidates among [`Frame::candidates`] that are directions drawn from the BSDF.
+    /// Directions drawn from the BSDF, beside [`Frame::candidates`].
     pub candidates_bsdf: u32,
     /// Groups that candidates are ranked in by a cheap target before one of each meets the full target; 0: all do.
     pub candidates_full: u32,
@@ -124,7 +124,7 @@ pub struct Frame {
     pub occlusion: u32,
     /// Candidates of pixels that are not on the lattice.
     pub candidates_off_lattice: u32,
-    /// Candidates beside [`Frame::candidates`] that come down the light tree.
+    /// Candidates among [`Frame::candidates`] that come down the light tree; one at least is left to the table.
     pub candidates_tree: u32,
 
     /// Not used.

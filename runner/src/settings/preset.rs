@@ -34,9 +34,9 @@ impl Preset {
     /// Its settings.
     pub fn settings(self) -> Settings {
         let balanced = Settings {
-            candidates: 16,
+            candidates: 8,
             pick_by_power: true,
-            candidates_tree: 4,
+            candidates_tree: 6,
             candidates_bsdf: 1,
             candidates_full: 0,
             candidates_off_lattice: 2,
