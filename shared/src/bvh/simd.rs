@@ -6,9 +6,9 @@ use core::{
     sync::atomic::{AtomicU8, Ordering},
 };
 
-use glam::UVec4;
+use glam::{UVec4, Vec3};
 
-use super::{Children, NODE_ROWS, NodeRay, NodeSlabs, Tests};
+use super::{Children, NODE_ROWS, NodeRay, Tests};
 use crate::{
     frame::Frame,
     ray::{Hit, Ray},
@@ -40,12 +40,16 @@ fn ask(answer: &AtomicU8) -> bool {
 
 /// The eight-wide test. Made only where [`available`] is true.
 #[derive(Clone, Copy)]
-pub struct WideTests(());
+pub struct WideTests {
+    /// Whether the tree is the first in the buffer: only then do its nodes number their children from the start of
+    /// the buffer, which is where they are fetched from ahead of the visit.
+    fetch_children: bool,
+}
 
 impl WideTests {
     /// The test, if this processor can run it.
     pub fn new() -> Option<Self> {
-        available().then_some(Self(()))
+        available().then_some(Self { fetch_children: true })
     }
 }
 
@@ -53,7 +57,7 @@ impl Tests for WideTests {
     #[inline(always)]
     fn children(self, bvh: &[UVec4], node: u32, ray: &NodeRay, t_max: f32) -> Children {
         // SAFETY: a `WideTests` exists only where `available` is true.
-        unsafe { intersect_node(bvh, node, ray, t_max) }
+        unsafe { intersect_node(bvh, node, ray, t_max, self.fetch_children) }
     }
 
     #[inline(always)]
@@ -76,7 +80,7 @@ pub unsafe fn closest_hit<const TEXTURES: bool, const INSTANCES: bool>(
     bvh: &[UVec4],
     ray: &Ray,
 ) -> Hit {
-    super::closest_hit_with::<TEXTURES, INSTANCES, _>(frame, scene, bvh, ray, WideTests(()))
+    super::closest_hit_with::<TEXTURES, INSTANCES, _>(frame, scene, bvh, ray, WideTests { fetch_children: !INSTANCES })
 }
 
 /// # Safety
@@ -88,7 +92,7 @@ pub unsafe fn unoccluded<const TEXTURES: bool, const INSTANCES: bool>(
     bvh: &[UVec4],
     ray: &Ray,
 ) -> bool {
-    super::unoccluded_with::<TEXTURES, INSTANCES, _>(frame, scene, bvh, ray, WideTests(()))
+    super::unoccluded_with::<TEXTURES, INSTANCES, _>(frame, scene, bvh, ray, WideTests { fetch_children: !INSTANCES })
 }
 
 /// Eight bytes to eight floats.
@@ -98,25 +102,69 @@ fn planes(bytes: u64) -> __m256 {
     _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_cvtsi64_si128(bytes as i64)))
 }
 
+/// [`super::NodeSlabs`] as x, y, z and a lane without meaning, twice over.
+struct WideSlabs {
+    scale: __m256,
+    near: __m256,
+    far: __m256,
+}
+
+/// As `NodeSlabs::new`, the three axes at a time.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-fn intersect_node(bvh: &[UVec4], node: u32, ray: &NodeRay, t_max: f32) -> Children {
+fn slabs(rows: &[UVec4; 5], ray: &NodeRay) -> WideSlabs {
+    let twice = |v: Vec3| _mm256_setr_ps(v.x, v.y, v.z, 1.0, v.x, v.y, v.z, 1.0);
+    let (origin, inverse) = (twice(ray.origin), twice(ray.inverse));
+    let head: &[i32; 4] = bytemuck::cast_ref(&rows[0]);
+    let head = _mm256_broadcastsi128_si256(_mm_setr_epi32(head[0], head[1], head[2], head[3]));
+    // The three exponents, bytes 12 to 14, each to the highest byte of a lane.
+    let byte = |e: i32| (e << 24) | 0x0080_8080;
+    let spread = _mm256_setr_epi32(byte(12), byte(13), byte(14), byte(12), byte(12), byte(13), byte(14), byte(12));
+    let extent = _mm256_castsi256_ps(_mm256_srli_epi32::<1>(_mm256_shuffle_epi8(head, spread)));
+    let scale = _mm256_mul_ps(extent, inverse);
+    let shift = _mm256_mul_ps(_mm256_sub_ps(_mm256_castsi256_ps(head), origin), inverse);
+    let magnitude = |x: __m256| _mm256_andnot_ps(_mm256_set1_ps(-0.0), x);
+    let padding = _mm256_mul_ps(
+        _mm256_add_ps(magnitude(shift), _mm256_mul_ps(magnitude(scale), _mm256_set1_ps(256.0))),
+        _mm256_set1_ps(2.4e-7),
+    );
+    WideSlabs { scale, near: _mm256_sub_ps(shift, padding), far: _mm256_add_ps(shift, padding) }
+}
+
+/// One lane of each half to all lanes of that half: 0x00 the first, 0x55 the second, 0xaa the third.
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+fn splat<const LANES: i32>(v: __m256) -> __m256 {
+    _mm256_permute_ps::<LANES>(v)
+}
+
+#[inline]
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+fn intersect_node(bvh: &[UVec4], node: u32, ray: &NodeRay, t_max: f32, fetch_children: bool) -> Children {
     let at = (node * NODE_ROWS) as usize;
     // Not copied: the planes are loaded from where they are.
     let rows: &[UVec4; 5] = bvh[at..].first_chunk().expect("a node of the tree has all its rows");
     let words: &[u64; 10] = bytemuck::cast_ref(rows);
-    let slabs = NodeSlabs::new(rows[0], ray);
-    let line = |q: __m256, scale: f32, shift: f32| {
-        _mm256_add_ps(_mm256_mul_ps(q, _mm256_set1_ps(scale)), _mm256_set1_ps(shift))
+    let slabs = slabs(rows, ray);
+    let line = |q: __m256, scale: __m256, shift: __m256| _mm256_add_ps(_mm256_mul_ps(q, scale), shift);
+    // Lower planes stand before upper ones: picked by address, so that there is nothing to predict.
+    let axis = |row: usize, inverse: f32, scale: __m256, near: __m256, far: __m256| {
+        let flip = usize::from(inverse < 0.0);
+        (line(planes(words[row * 2 + flip]), scale, near), line(planes(words[row * 2 + 1 - flip]), scale, far))
     };
-    let axis = |row: usize, inverse: f32, scale: f32, near: f32, far: f32| {
-        let (lower, upper) = (planes(words[row * 2]), planes(words[row * 2 + 1]));
-        let (q_near, q_far) = if inverse < 0.0 { (upper, lower) } else { (lower, upper) };
-        (line(q_near, scale, near), line(q_far, scale, far))
-    };
-    let (near_x, far_x) = axis(2, ray.inverse.x, slabs.scale.x, slabs.near.x, slabs.far.x);
-    let (near_y, far_y) = axis(3, ray.inverse.y, slabs.scale.y, slabs.near.y, slabs.far.y);
-    let (near_z, far_z) = axis(4, ray.inverse.z, slabs.scale.z, slabs.near.z, slabs.far.z);
+    let (near_x, far_x) =
+        axis(2, ray.inverse.x, splat::<0x00>(slabs.scale), splat::<0x00>(slabs.near), splat::<0x00>(slabs.far));
+    let (near_y, far_y) =
+        axis(3, ray.inverse.y, splat::<0x55>(slabs.scale), splat::<0x55>(slabs.near), splat::<0x55>(slabs.far));
+    let (near_z, far_z) =
+        axis(4, ray.inverse.z, splat::<0xaa>(slabs.scale), splat::<0xaa>(slabs.near), splat::<0xaa>(slabs.far));
+    if fetch_children {
+        // The child to visit next is seldom far behind the first one, and triangles are tested before it is read.
+        let first_child = bvh.as_ptr().wrapping_add(rows[1].x.wrapping_mul(NODE_ROWS) as usize);
+        // A prefetch does not fault, whatever the address: leaves alone have no children.
+        _mm_prefetch::<_MM_HINT_T0>(first_child.cast());
+        _mm_prefetch::<_MM_HINT_T0>(first_child.wrapping_add(4).cast());
+    }
     // The instructions return their second operand on a tie or a NaN, as `numerics::{min, max}` do.
     let near = _mm256_max_ps(_mm256_max_ps(near_x, near_y), _mm256_max_ps(near_z, _mm256_setzero_ps()));
     let far = _mm256_min_ps(_mm256_min_ps(far_x, far_y), _mm256_min_ps(far_z, _mm256_set1_ps(t_max)));
