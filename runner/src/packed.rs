@@ -15,6 +15,7 @@ use weir_shader::wiring::Feature;
 use weir_shared::{
     alias, environment,
     frame::Frame,
+    light_tree::NO_TREE,
     scene::{NO_TEXTURE, material_record, texture_record},
 };
 
@@ -132,7 +133,7 @@ impl PackedScene {
     /// # Errors
     /// If it does not fit, see [`PackError`].
     pub fn new(scene: &Scene, time_s: f32) -> Result<Self, PackError> {
-        Self::pack(scene, &Moment { time_s, ..Moment::default() }, false)
+        Self::pack(scene, &Moment { time_s, ..Moment::default() }, false, light_tree::MOST_IN_TREES)
     }
 
     /// Packs a scene of which any instance may come, go, move and change, see [`PackedScene::advance`].
@@ -140,12 +141,17 @@ impl PackedScene {
     /// # Errors
     /// As [`PackedScene::new`].
     pub fn dynamic(scene: &Scene, moment: &Moment) -> Result<Self, PackError> {
-        Self::pack(scene, moment, true)
+        Self::pack(scene, moment, true, light_tree::MOST_IN_TREES)
     }
 
-    fn pack(scene: &Scene, moment: &Moment, dynamic: bool) -> Result<Self, PackError> {
+    /// `most_in_trees`: emissive triangles that light trees of meshes hold together at most.
+    fn pack(scene: &Scene, moment: &Moment, dynamic: bool, most_in_trees: usize) -> Result<Self, PackError> {
+        let materials = &scene.materials;
+        let emissive: Vec<usize> =
+            scene.meshes.par_iter().map(|mesh| geometry::emissive_triangles(mesh, materials)).collect();
+        let has_tree = light_tree::which_have_trees(&emissive, most_in_trees);
         let meshes: Vec<PackedMesh> =
-            scene.meshes.par_iter().map(|mesh| PackedMesh::new(mesh, &scene.materials)).collect();
+            scene.meshes.par_iter().zip(has_tree).map(|(mesh, has)| PackedMesh::new(mesh, materials, has)).collect();
         fit("records", meshes.iter().map(|m| m.attributes.len() as u64 + m.lights.len() as u64).sum())?;
         fit("triangles", meshes.iter().map(|m| m.triangles.len() as u64).sum())?;
 
@@ -168,7 +174,10 @@ impl PackedScene {
                 light_list_at: records.at() + mesh.attributes.len() as u32,
                 light_table_at: lights.len() as u32,
                 light_count: mesh.lights.len() as u32,
-                light_tree_at: lights.len() as u32 + mesh.light_table.len() as u32,
+                light_tree_at: match mesh.light_tree {
+                    Some(_) => lights.len() as u32 + mesh.light_table.len() as u32,
+                    None => NO_TREE,
+                },
                 light_bounds: mesh.light_bounds,
             });
             bvh.extend_from_slice(&mesh.nodes);
@@ -176,7 +185,7 @@ impl PackedScene {
             records.0.extend_from_slice(&mesh.attributes);
             records.0.extend_from_slice(&mesh.lights);
             lights.extend_from_slice(&mesh.light_table);
-            lights.extend_from_slice(&mesh.light_tree);
+            lights.extend(mesh.light_tree.iter().flatten());
         }
 
         frame.materials_at = records.at();

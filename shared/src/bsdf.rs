@@ -270,7 +270,7 @@ mod tests {
         const FINE: usize = 24;
         for (roughness, view) in [0.3, 0.6, 1.0].into_iter().flat_map(|r| views().map(move |v| (r, v))) {
             if roughness < 0.5 && view.z < 0.2 {
-                // A wedge a hundredth of a radian wide: the quadrature below cannot resolve it.
+                // A wedge a hundredth of a radian wide: the quadrature below cannot resolve it, that of `lobe_statistic` can.
                 continue;
             }
             let bsdf = Bsdf::new(&surface(0.5, 0.3, roughness), view);
@@ -310,5 +310,82 @@ mod tests {
             let bound = f64::from(cells) + 6.0 * (2.0 * f64::from(cells)).sqrt();
             assert!(statistic < bound, "roughness {roughness}, view {view}: {statistic} over {cells} cells");
         }
+    }
+
+    /// Pearson's test in coordinates in which the specular lobe is of one size for every roughness and view: the slope of
+    /// the normal between the two directions over alpha. Those far from the lobe count as one.
+    ///
+    /// `wrong` multiplies the density on one side. The statistic, and how many cells there were.
+    fn lobe_statistic(roughness: f32, view: Vec3, wrong: f64) -> (f64, f64) {
+        const ROWS: usize = 12;
+        const COLUMNS: usize = 16;
+        const SAMPLES: u32 = 300_000;
+        const FINE: usize = 12;
+        // Share of the normals of a GGX lobe within the slope s alpha: s^2 / (1 + s^2).
+        const WITHIN: f64 = 0.95;
+        let bsdf = Bsdf::new(&surface(0.2, 0.6, roughness), view);
+        let alpha = f64::from(bsdf.alpha);
+        let outgoing = view.as_dvec3();
+        let mut observed = [0.0f64; ROWS * COLUMNS + 1];
+        for i in 0..SAMPLES {
+            let (w, u, v) = numbers(i);
+            let half = outgoing + bsdf.sample(w, u, v).as_dvec3();
+            let slope = half.truncate() / (half.z * alpha);
+            let share = slope.length_squared() / (1.0 + slope.length_squared()) / WITHIN;
+            let angle = slope.y.atan2(slope.x) / core::f64::consts::TAU;
+            let column = ((angle - angle.floor()) * COLUMNS as f64) as usize % COLUMNS;
+            let is_within = half.z > 0.0 && share < 1.0;
+            observed[if is_within { (share * ROWS as f64) as usize * COLUMNS + column } else { ROWS * COLUMNS }] += 1.0;
+        }
+        let mut expected = [0.0f64; ROWS * COLUMNS + 1];
+        for row in 0..ROWS * FINE {
+            for column in 0..COLUMNS * FINE {
+                let share = (row as f64 + 0.5) / (ROWS * FINE) as f64 * WITHIN;
+                let angle = (column as f64 + 0.5) / (COLUMNS * FINE) as f64 * core::f64::consts::TAU;
+                let slope2 = share / (1.0 - share);
+                let tangent = alpha * slope2.sqrt();
+                let half = glam::DVec3::new(tangent * angle.cos(), tangent * angle.sin(), 1.0).normalize();
+                let along = outgoing.dot(half);
+                if along > 0.0 {
+                    let incoming = half * (2.0 * along) - outgoing;
+                    let pdf = f64::from(bsdf.pdf_solid_angle(incoming.as_vec3()));
+                    // d incoming / d half, d half / d slope, d slope / d (share, angle).
+                    let jacobian = 4.0 * along * alpha * alpha * half.z.powi(3) * 0.5 * (1.0 + slope2).powi(2);
+                    let size = WITHIN * core::f64::consts::TAU / (ROWS * FINE * COLUMNS * FINE) as f64;
+                    let factor = if angle < 1.0 { wrong } else { 1.0 };
+                    expected[row / FINE * COLUMNS + column / FINE] +=
+                        factor * pdf * jacobian * size * f64::from(SAMPLES);
+                }
+            }
+        }
+        let within: f64 = expected.iter().sum();
+        expected[ROWS * COLUMNS] = f64::from(SAMPLES) - within;
+        let (mut statistic, mut cells, mut rest) = (0.0, 0.0, (0.0, 0.0));
+        for (seen, expected) in observed.into_iter().zip(expected) {
+            if expected < 20.0 {
+                rest = (rest.0 + expected, rest.1 + seen);
+            } else {
+                statistic += (seen - expected).powi(2) / expected;
+                cells += 1.0;
+            }
+        }
+        assert!((rest.0 - rest.1).abs() < 6.0 * f64::sqrt(rest.0.max(rest.1)) + 10.0, "{rest:?}");
+        (statistic, cells)
+    }
+
+    #[test]
+    fn sampled_directions_follow_their_density_on_smooth_surfaces_and_at_grazing_angles() {
+        for roughness in [0.0, 0.05, 0.1, 0.2, 0.3, 0.6, 1.0] {
+            for z in [0.01f32, 0.05, 0.2, 0.7, 1.0] {
+                let view = Vec3::new((1.0 - z * z).sqrt(), 0.0, z);
+                let (statistic, cells) = lobe_statistic(roughness, view, 1.0);
+                let bound = |cells: f64| cells + 6.0 * (2.0 * cells).sqrt();
+                println!("{roughness} {z}: {statistic:.0} over {cells}");
+                assert!(statistic < bound(cells), "roughness {roughness}, view {view}: {statistic} over {cells} cells");
+            }
+        }
+        // Teeth.
+        let (statistic, cells) = lobe_statistic(0.1, Vec3::new(0.6, 0.0, 0.8), 1.1);
+        assert!(statistic > cells + 6.0 * (2.0 * cells).sqrt(), "10 % are not seen: {statistic} over {cells} cells");
     }
 }

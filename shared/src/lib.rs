@@ -29,3 +29,4 @@ pub mod target;
 pub mod texture;
 pub mod tonemap;
 pub mod triangle;
+mod words;

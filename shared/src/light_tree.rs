@@ -205,7 +205,7 @@ fn parts(sums: Vec4, total: f32) -> UVec4 {
 /// angles of cone and sphere are replaced by sums that are zero only where those are, and need no square roots:
 /// cos a cos o + sin o + r / d.
 #[inline(always)]
-fn importances(words: &[u32], node: u32, position: Vec3, normal: Vec3) -> Vec4 {
+pub fn importances(words: &[u32], node: u32, position: Vec3, normal: Vec3) -> Vec4 {
     let lanes = |field: u32| {
         let lane = |i: u32| f32::from_bits(load(words, node + field * WIDTH + i));
         Vec4::new(lane(0), lane(1), lane(2), lane(3))

@@ -1,4 +1,4 @@
-//! Weighted reservoir sampling: one sample kept of a stream, in proportion to its weight.
+//! Weighted reservoir sampling: one sample kept of a stream, in proportion to its weight; or several, without replacement.
 //!
 //! Generic over the float, so that what the passes run in `f32` can be proved by enumeration in `f64`; and over the
 //! way of choosing, of which there are three with one law.
@@ -6,8 +6,9 @@
 use core::ops::{Add, Div, Mul, Sub};
 
 use crate::{
-    numerics::{is_finite, log2},
+    numerics::{is_finite, log2, max, min},
     rng::Rng,
+    words::Words,
 };
 
 /// The floats that resampling runs on.
@@ -94,7 +95,7 @@ impl Choose<f32> for Chooser {
             // Strict: a weight of zero is not kept even where the random number is zero.
             self.rng.next_float() * weight_sum < weight
         } else {
-            let key = -log2(self.rng.next_positive_float()) / weight;
+            let key = key_of(weight, self.rng.next_positive_float());
             let first = self.kept_sum == 0.0;
             self.kept_sum = 1.0;
             if !first && !(key < self.kept) {
@@ -103,6 +104,90 @@ impl Choose<f32> for Chooser {
             self.kept = key;
             true
         }
+    }
+}
+
+/// A key that is exponentially distributed with rate `weight`, in units of ln 2, from a uniform random number above 0. The
+/// item with the smallest key is item i with probability `w_i / sum w`, and so on among the others.
+#[inline(always)]
+fn key_of(weight: f32, random: f32) -> f32 {
+    -log2(random) / weight
+}
+
+/// Most items that [`WithoutReplacement`] keeps.
+pub const MAX_KEPT: u32 = 16;
+
+/// The place of an item that is not kept.
+pub const NOT_KEPT: u32 = 0xffff_ffff;
+
+/// Several items of a stream: the first in proportion to its weight, the second in proportion to its weight among the
+/// others, and so on. Those with the smallest keys; the caller holds the items, by their places.
+///
+/// Source: Efraimidis and Spirakis 2006, "Weighted Random Sampling with a Reservoir", algorithm A-Res, in logarithms,
+/// because u^(1/w) underflows.
+#[derive(Clone, Copy)]
+pub struct WithoutReplacement {
+    low: Words,
+    high: Words,
+    wanted: u32,
+    count: u32,
+    /// Place of the largest key.
+    worst: u32,
+    worst_key: f32,
+}
+
+impl WithoutReplacement {
+    /// Nothing offered yet; at most `wanted` items will be kept, and at most [`MAX_KEPT`].
+    #[inline(always)]
+    pub fn new(wanted: u32) -> Self {
+        let wanted = wanted.min(MAX_KEPT);
+        Self { low: Words::ZERO, high: Words::ZERO, wanted, count: 0, worst: 0, worst_key: -1.0 }
+    }
+
+    /// Items kept.
+    #[inline(always)]
+    pub fn count(&self) -> u32 {
+        self.count
+    }
+
+    /// Key of the item at a place; the order of keys is the order of drawing.
+    #[inline(always)]
+    pub fn key(&self, place: u32) -> f32 {
+        f32::from_bits(if place < 8 { self.low.get(place) } else { self.high.get(place - 8) })
+    }
+
+    /// Offers an item with a random number in 0..=1; the place that it takes, if that is taken from the item there, or
+    /// [`NOT_KEPT`]. Weights that are not positive and finite are never kept.
+    #[inline(always)]
+    pub fn offer(&mut self, weight: f32, random: f32) -> u32 {
+        if !(weight > 0.0) || !is_finite(weight) {
+            return NOT_KEPT;
+        }
+        // Half of the smallest random number stands for zero. Beyond 1e30, weights are too small to tell apart.
+        let key = min(key_of(weight, max(random, 1.0 / 33_554_432.0)), 1e30);
+        let is_room = self.count < self.wanted;
+        if !is_room && !(key < self.worst_key) {
+            return NOT_KEPT;
+        }
+        let place = if is_room { self.count } else { self.worst };
+        if place < 8 {
+            self.low.set(place, key.to_bits());
+        } else {
+            self.high.set(place - 8, key.to_bits());
+        }
+        if is_room {
+            self.count += 1;
+        }
+        (self.worst, self.worst_key) = (0, -1.0);
+        let mut i = 0;
+        while i < self.count {
+            let there = self.key(i);
+            if there > self.worst_key {
+                (self.worst, self.worst_key) = (i, there);
+            }
+            i += 1;
+        }
+        place
     }
 }
 
@@ -236,6 +321,112 @@ mod tests {
                 assert_eq!(counts[usize::from(weights[1] > 1.0)], 1_000.0, "way {way}, {weights:?}");
             }
         }
+    }
+
+    /// Items kept without replacement, in the order of their keys.
+    fn without_replacement(weights: &[f32], wanted: u32, mut random: impl FnMut() -> f32) -> Vec<usize> {
+        let mut keys = WithoutReplacement::new(wanted);
+        let mut items = Vec::new();
+        for (item, &weight) in weights.iter().enumerate() {
+            match keys.offer(weight, random()) {
+                NOT_KEPT => {}
+                place if place as usize == items.len() => items.push(item),
+                place => items[place as usize] = item,
+            }
+            assert_eq!(keys.count() as usize, items.len());
+        }
+        let mut places: Vec<u32> = (0..keys.count()).collect();
+        places.sort_by(|&a, &b| keys.key(a).total_cmp(&keys.key(b)));
+        places.into_iter().map(|place| items[place as usize]).collect()
+    }
+
+    fn drawn(weights: &[f32], wanted: u32, stream: u32) -> Vec<usize> {
+        let mut rng = Rng::from_words(stream, 8, 1, wanted);
+        without_replacement(weights, wanted, || rng.next_positive_float())
+    }
+
+    /// Every order in which `wanted` of some items can be drawn one after the other, with its probability.
+    fn orders(weights: &[f32], wanted: usize, begun: &[usize], chance: f64) -> Vec<(Vec<usize>, f64)> {
+        let left = |i: &usize| weights[*i] > 0.0 && !begun.contains(i);
+        let sum: f64 = (0..weights.len()).filter(left).map(|i| f64::from(weights[i])).sum();
+        if begun.len() == wanted || sum == 0.0 {
+            return vec![(begun.to_vec(), chance)];
+        }
+        let with = |i: usize| [begun, &[i]].concat();
+        let next = (0..weights.len()).filter(left);
+        next.flat_map(|i| orders(weights, wanted, &with(i), chance * f64::from(weights[i]) / sum)).collect()
+    }
+
+    /// Pearson's statistic of the orders drawn, over the number of orders.
+    fn statistic_of_orders(weights: &[f32], wanted: u32, expected: &[(Vec<usize>, f64)]) -> f64 {
+        const DRAWS: u32 = 200_000;
+        let mut counts = vec![0.0; expected.len()];
+        for stream in 0..DRAWS {
+            let order = drawn(weights, wanted, stream);
+            let known = expected.iter().position(|(known, _)| *known == order);
+            counts[known.unwrap_or_else(|| panic!("{order:?} of {weights:?} is impossible"))] += 1.0;
+        }
+        let expected = expected.iter().map(|(_, chance)| chance * f64::from(DRAWS));
+        counts.iter().zip(expected).map(|(c, e): (&f64, f64)| (c - e).powi(2) / e).sum()
+    }
+
+    /// The order of keys is that of drawing one after the other; so the probability that an item is kept at all is right
+    /// too, as that is a sum over orders.
+    #[test]
+    fn items_without_replacement_come_in_every_order_as_often_as_they_should() {
+        // Bounds: quantiles 1 - 1e-6, for one order less.
+        for (weights, wanted, bound) in [
+            (&[1.0f32, 0.0, 3.0, 0.5, 2.0, 1.0] as &[f32], 3, 126.5),
+            (&[1.0, 2.0, 4.0, 8.0], 1, 30.7),
+            (&[1.0, 2.0, 4.0], 3, 35.9),
+            (&[1.0, 0.0, f32::NAN, 3.0, -1.0, f32::INFINITY], 4, 23.9),
+            (&[1e20, 3e20, 2e20], 2, 35.9),
+            (&[1e-20, 3e-20, 2e-20], 2, 35.9),
+        ] {
+            let usable: Vec<f32> = weights.iter().map(|&w| if w > 0.0 && w.is_finite() { w } else { 0.0 }).collect();
+            let expected = orders(&usable, wanted as usize, &[], 1.0);
+            assert!((expected.iter().map(|(_, chance)| chance).sum::<f64>() - 1.0).abs() < 1e-12);
+            let statistic = statistic_of_orders(weights, wanted, &expected);
+            assert!(statistic < bound, "{weights:?}: {statistic} over {} orders", expected.len());
+        }
+    }
+
+    /// The check above has teeth: the second draw does not go by the weights of all items, the first one's included.
+    #[test]
+    fn wrong_chances_of_orders_are_seen() {
+        let weights = [1.0, 2.0, 4.0, 2.0];
+        let mut expected = orders(&weights, 2, &[], 1.0);
+        for (order, chance) in &mut expected {
+            // Two draws with replacement, drawn again if they are the same.
+            *chance = f64::from(weights[order[0]]) * f64::from(weights[order[1]]);
+        }
+        let sum: f64 = expected.iter().map(|(_, chance)| chance).sum();
+        expected.iter_mut().for_each(|(_, chance)| *chance /= sum);
+        // Quantile 1 - 1e-6 for 11 degrees of freedom: 50.
+        assert!(statistic_of_orders(&weights, 2, &expected) > 500.0);
+    }
+
+    #[test]
+    fn sampling_without_replacement_stands_extreme_weights_and_random_numbers() {
+        // The heavy ones first, whatever the numbers are.
+        let mixed = [1e-20, 1e20, 1e-20, 1e20, 1e-20];
+        for stream in 0..1_000 {
+            let mut heavy = drawn(&mixed, 3, stream)[..2].to_vec();
+            heavy.sort_unstable();
+            assert_eq!(heavy, [1, 3]);
+        }
+        for random in [0.0, 1.0, 1.0 - 1.0 / 16_777_216.0] {
+            for weight in [1e-38, 1e-20, 1.0, 1e20, 3e38] {
+                let kept = without_replacement(&[weight; 5], 3, || random);
+                assert_eq!(kept.len(), 3, "{weight} {random}");
+            }
+        }
+        // Zero counts as the smallest number there is.
+        let mut numbers = [0.0, 1.0 / 16_777_216.0].into_iter().cycle();
+        assert_eq!(without_replacement(&[1.0, 1.0], 1, || numbers.next().expect("endless")), [1]);
+        assert_eq!(drawn(&[0.0, 1.0, 0.0], 3, 0), [1], "fewer than asked for");
+        assert!(drawn(&[0.0, -1.0], 2, 0).is_empty() && drawn(&[1.0], 0, 0).is_empty() && drawn(&[], 2, 0).is_empty());
+        assert_eq!(drawn(&[1.0; 40], 40, 0).len(), MAX_KEPT as usize);
     }
 
     #[test]

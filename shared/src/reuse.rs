@@ -8,11 +8,13 @@ use crate::{
     frame::Frame,
     numerics::{abs, exp2, load, log2, max, multiply_high, sin_cos, sqrt},
     octahedral,
+    resample::{MAX_KEPT, NOT_KEPT, WithoutReplacement},
     reservoir::{MAX_INPUTS, Reservoir},
     rng::{Rng, Stage},
     scene::{NO_INSTANCE, Scene, instance_record},
     surface::Surface,
     target::project,
+    words::Words,
 };
 
 /// How neighbours are found.
@@ -53,32 +55,6 @@ const R2_AREA: f32 = 0.754_877_7;
 const R2_COSINE: f32 = -0.905_205_3;
 const R2_SINE: f32 = -0.424_963_1;
 
-/// Eight words, told apart by selection: graphics drivers unroll loops over a local array into thousands of
-/// instructions.
-#[derive(Clone, Copy)]
-struct Words {
-    words: [u32; 8],
-}
-
-impl Words {
-    const ZERO: Self = Self { words: [0; 8] };
-
-    #[inline(always)]
-    fn get(&self, i: u32) -> u32 {
-        let [a, b, c, d, e, f, g, h] = self.words;
-        let [a, b, c, d] = if i < 4 { [a, b, c, d] } else { [e, f, g, h] };
-        let [a, b] = if i & 2 == 0 { [a, b] } else { [c, d] };
-        if i & 1 == 0 { a } else { b }
-    }
-
-    #[inline(always)]
-    fn set(&mut self, i: u32, word: u32) {
-        let pick = |old: u32, place: u32| if i == place { word } else { old };
-        let [a, b, c, d, e, f, g, h] = self.words;
-        self.words = [pick(a, 0), pick(b, 1), pick(c, 2), pick(d, 3), pick(e, 4), pick(f, 5), pick(g, 6), pick(h, 7)];
-    }
-}
-
 /// Pixels to take reservoirs from; at most one less than [`MAX_INPUTS`]. They lie within 127 pixels of the first pixel
 /// asked about.
 #[derive(Clone, Copy)]
@@ -113,18 +89,19 @@ impl Neighbors {
     #[inline(always)]
     pub fn push(&mut self, px: UVec2) {
         if self.count + 1 < MAX_INPUTS {
-            self.set(self.count, px);
-            self.count += 1;
+            self.put(self.count, px);
         }
     }
 
+    /// Neighbour number `i`, in place of the one there or as one more.
     #[inline(always)]
-    fn set(&mut self, i: u32, px: UVec2) {
+    fn put(&mut self, i: u32, px: UVec2) {
         let x = px.x.wrapping_add(OFFSET_BIAS).wrapping_sub(self.center[0]) & 0xff;
         let y = px.y.wrapping_add(OFFSET_BIAS).wrapping_sub(self.center[1]) & 0xff;
         let shift = (i & 1) * 16;
         let kept = self.offsets.get(i >> 1) & !(0xffff << shift);
         self.offsets.set(i >> 1, kept | ((x | (y << 8)) << shift));
+        self.count = self.count.max(i + 1);
     }
 }
 
@@ -291,18 +268,16 @@ fn find_compatible(
     neighbors: &mut Neighbors,
 ) {
     const TRIES: u32 = 16;
+    const _: () =
+        assert!(MAX_INPUTS - 1 <= MAX_KEPT && MAX_INPUTS - 1 <= TRIES, "any number of neighbours may be asked for");
     // A cone of 0.05 sr at the camera: the size at the surface beyond which the lights differ.
     const SPREAD: f32 = 0.126;
     let mut points = DiskPoints::new(center, rng);
-    let wanted = wanted.min(MAX_KEYS).min(MAX_INPUTS - 1 - neighbors.count);
     let first = neighbors.count;
-    let mut keys = Words::ZERO;
-    // The largest of the keys, and whose it is.
-    let (mut worst, mut worst_key) = (0, 0.0);
+    let mut keys = WithoutReplacement::new(wanted.min(MAX_INPUTS - 1 - first));
     let mut i = 0;
     while i < TRIES {
         let (inside, px) = points.next(frame);
-        let mut key = -1.0;
         if inside && px != own {
             let surface = load(surfaces, frame.index_of(px));
             if site.is_similar(frame, &surface) {
@@ -310,33 +285,16 @@ fn find_compatible(
                 let cosine = max(site.normal.dot(surface.normal_geometric()), 1e-4);
                 // exp(-apart / spread) * cosine^8.
                 let falloff = -apart / (SPREAD * site.distance + 1e-30) * core::f32::consts::LOG2_E;
-                key = -log2(rng.next_positive_float()) / max(exp2(falloff + 8.0 * log2(cosine)), 1e-8);
+                let weight = max(exp2(falloff + 8.0 * log2(cosine)), 1e-8);
+                let place = keys.offer(weight, rng.next_positive_float());
+                if place != NOT_KEPT {
+                    neighbors.put(first + place, px);
+                }
             }
-        }
-        let found = neighbors.count - first;
-        if key >= 0.0 && found < wanted {
-            keys.set(found, key.to_bits());
-            neighbors.push(px);
-        } else if key >= 0.0 && key < worst_key {
-            keys.set(worst, key.to_bits());
-            neighbors.set(first + worst, px);
-        }
-        // The smallest keys stay.
-        (worst, worst_key) = (0, -1.0);
-        let mut j = 0;
-        while j < neighbors.count - first {
-            let there = f32::from_bits(keys.get(j));
-            if there > worst_key {
-                (worst, worst_key) = (j, there);
-            }
-            j += 1;
         }
         i += 1;
     }
 }
-
-/// Most neighbours that [`rule::COMPATIBLE`] finds.
-const MAX_KEYS: u32 = 8;
 
 /// Partners by an exchange of bits of the shifted coordinates: the partner's partner is the pixel itself. Shift and
 /// bits are the same for all pixels of a frame and round, so that what a reservoir holds has no part in it.
@@ -609,6 +567,59 @@ mod tests {
                 }
             }
             assert!(total > 300, "rule {rule}: {total}");
+        }
+    }
+
+    /// Frequencies of partners against confidence, by Pearson's test.
+    #[test]
+    fn partners_are_drawn_in_proportion_to_confidence() {
+        const DRAWS: u32 = 200_000;
+        let pixels = [3u32, 5, 4, 6, 1].map(|x| UVec2::new(x, 0));
+        let mut neighbors = Neighbors::around(UVec2::ZERO);
+        pixels.iter().for_each(|&px| neighbors.push(px));
+        let mut reservoirs = vec![Reservoir::EMPTY; 8];
+        for (px, confidence) in pixels.iter().zip([7, 0, 1, 60_000, 20]) {
+            reservoirs[px.x as usize] = Reservoir::new(0, 0, 0.0, confidence);
+        }
+        let own = Reservoir::new(0, 0, 0.0, 2);
+        for (past, expected) in [(false, [7.0, 0.0, 1.0, 60_000.0, 20.0]), (true, [7.0, 0.0, 1.0, 10.0, 10.0])] {
+            let frame = |index| Frame {
+                width: 8,
+                height: 1,
+                reservoirs: 1,
+                confidence_cap: 5,
+                probe: probe::ONE,
+                index,
+                ..Frame::default()
+            };
+            let mut counts = [0.0f64; 5];
+            for index in 0..DRAWS {
+                let chosen = Chosen::new(UVec2::ZERO, 0, &frame(index), &own, neighbors, &reservoirs, past);
+                counts[chosen.partner as usize - 1] += 1.0;
+            }
+            assert_eq!(counts[1], 0.0, "no confidence");
+            let total: f64 = expected.iter().sum();
+            let statistic = |expected: [f64; 5]| -> f64 {
+                let cells = counts.iter().zip(expected.map(|e| e / total * f64::from(DRAWS)));
+                cells.filter(|(_, e)| *e > 0.0).map(|(c, e)| (c - e).powi(2) / e).sum()
+            };
+            // Quantile 1 - 1e-6 of the distribution with 3 degrees of freedom; and the teeth of the test.
+            assert!(statistic(expected) < 30.7, "{counts:?} for {expected:?}");
+            let [a, b, c, d, e] = expected;
+            assert!(statistic([a, b, c, d + 0.3 * e, 0.7 * e]) > 30.7);
+            let alone = Chosen::new(UVec2::ZERO, 0, &frame(0), &own, Neighbors::around(UVec2::ZERO), &reservoirs, past);
+            assert_eq!(alone.partner, 0);
+        }
+    }
+
+    #[test]
+    fn as_many_compatible_neighbours_are_found_as_the_knobs_allow() {
+        let (surfaces, px) = (surfaces(), UVec2::new(12, 20));
+        for wanted in [1, 6, 12] {
+            let frame =
+                Frame { spatial_neighbors: wanted, spatial_neighbors_unseen: wanted, ..frame(rule::COMPATIBLE) };
+            let most = (0..20).map(|index| neighbors_of(px, &Frame { index, ..frame }, &surfaces).len()).max();
+            assert_eq!(most, Some(wanted as usize));
         }
     }
 

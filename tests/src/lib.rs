@@ -1,6 +1,7 @@
 //! Helpers shared by the integration tests.
 
 pub mod scenes;
+pub mod statistics;
 
 use weir::{
     executor::gpu::{AdapterChoice, Gpu},

@@ -1,6 +1,6 @@
 //! Small scenes for tests.
 
-use glam::{Mat4, Vec2, Vec3};
+use glam::{Mat4, Quat, Vec2, Vec3};
 use weir::scene::{Camera, Environment, Instance, Material, Mesh, Motion, Scene, Texture, builtin};
 
 /// The built-in Cornell box.
@@ -64,5 +64,50 @@ pub fn variety() -> Scene {
             up: Vec3::Y,
             vfov_deg: 45.0,
         }),
+    }
+}
+
+/// Ten lamps of different size and radiance above the origin, none of which hides another from there: two meshes, one of
+/// them twice, the second time mirrored and stretched. A sky with a black texel if `sky`.
+pub fn lamps(sky: bool) -> Scene {
+    let mesh = |name: &str, places: &[(f32, f32, f32)], first_material: u32| {
+        let mut mesh = Mesh { name: name.into(), ..Mesh::default() };
+        for (i, &(x, z, size)) in (0..).zip(places) {
+            let corner = Vec3::new(x, 0.0, z);
+            // Counter-clockwise seen from below.
+            mesh.positions.extend([corner, corner + Vec3::X * size, corner + Vec3::Z * size]);
+            mesh.triangles.push([3 * i, 3 * i + 1, 3 * i + 2]);
+            mesh.materials.push((first_material + i) % 3);
+        }
+        mesh
+    };
+    let row = mesh("row", &[(-0.75, -0.2, 0.25), (-0.25, -0.1, 0.32), (0.25, -0.2, 0.4)], 0);
+    let square = mesh("square", &[(-0.6, -0.6, 0.3), (0.1, -0.5, 0.4), (-0.5, 0.1, 0.2), (0.1, 0.0, 0.5)], 1);
+    let tilt = Quat::from_rotation_z(0.2) * Quat::from_rotation_x(-0.1);
+    let place = |mesh: u32, scale: Vec3, position: Vec3| Instance {
+        mesh,
+        world_from_object: Mat4::from_scale_rotation_translation(scale, tilt, position),
+        motion: Motion::Still,
+    };
+    let texels = (0..128u32).map(|i| if i == 5 { [0.0; 3] } else { [0.005 * i as f32, 0.1, 0.2] }).collect();
+    let emitting = |emission: Vec3| Material { emission, ..Material::default() };
+    Scene {
+        name: "lamps".into(),
+        meshes: vec![row, square],
+        instances: vec![
+            place(0, Vec3::ONE, Vec3::new(-1.2, 1.0, 0.0)),
+            place(1, Vec3::ONE, Vec3::new(0.0, 2.0, -1.2)),
+            place(0, Vec3::new(-1.0, 1.0, 1.4), Vec3::new(1.6, 1.5, 0.3)),
+        ],
+        materials: vec![emitting(Vec3::ONE), emitting(Vec3::new(0.5, 3.0, 1.0)), emitting(Vec3::splat(8.0))],
+        environment: sky.then(|| Environment {
+            name: "sky".into(),
+            width: 16,
+            height: 8,
+            texels,
+            rotation_deg: 30.0,
+            scale: 1.0,
+        }),
+        ..Scene::default()
     }
 }

@@ -23,8 +23,8 @@ pub(super) struct PackedMesh {
     pub(super) lights: Vec<u32>,
     /// Alias table over them.
     pub(super) light_table: Vec<u32>,
-    /// Light tree over them.
-    pub(super) light_tree: Vec<u32>,
+    /// Light tree over them, if the mesh has one.
+    pub(super) light_tree: Option<Vec<u32>>,
     /// What is known of all of them; their power is the sum of the weights of the table.
     pub(super) light_bounds: LightBounds,
     /// Lower and upper corner, object space.
@@ -32,7 +32,8 @@ pub(super) struct PackedMesh {
 }
 
 impl PackedMesh {
-    pub(super) fn new(mesh: &Mesh, materials: &[Material]) -> Self {
+    /// Packs a mesh, with a light tree if `has_light_tree`.
+    pub(super) fn new(mesh: &Mesh, materials: &[Material], has_light_tree: bool) -> Self {
         let corners = |t: u32| mesh.triangles[t as usize].map(|v| mesh.positions[v as usize]);
         let boxes: Vec<Aabb> = (0..mesh.triangles.len() as u32)
             .map(|t| {
@@ -82,7 +83,12 @@ impl PackedMesh {
                 light_bounds.push(LightBounds::triangle([a, b, c], material.two_sided_emission, weight));
             }
         }
-        let (light_tree, light_bounds) = light_tree::build(&light_bounds);
+        let (light_tree, light_bounds) = if has_light_tree {
+            let (words, bounds) = light_tree::build(&light_bounds);
+            (Some(words), bounds)
+        } else {
+            (None, light_tree::bounds_of(&light_bounds))
+        };
         Self {
             nodes: tree.nodes.iter().flat_map(tree::rows).collect(),
             triangles,
@@ -95,6 +101,11 @@ impl PackedMesh {
             bounds,
         }
     }
+}
+
+/// How many triangles of a mesh emit, those without area counted too.
+pub(super) fn emissive_triangles(mesh: &Mesh, materials: &[Material]) -> usize {
+    mesh.materials.iter().filter(|&&m| materials[m as usize].emission.max_element() > 0.0).count()
 }
 
 /// Area times the sum of the radiance's channels. In f64: areas and radiances both range over twenty decades.

@@ -13,7 +13,7 @@ const BINS: usize = 12;
 const PARALLEL: usize = 4_096;
 
 /// What is known of a group of lights.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct LightBounds {
     /// Lower and upper corner of a box around all points that emit.
     corners: [Vec3; 2],
@@ -69,7 +69,8 @@ impl LightBounds {
             return if self.power == 0.0 { *other } else { *self };
         }
         let (wide, narrow) = if self.spread >= other.spread { (self, other) } else { (other, self) };
-        let between = wide.axis.dot(narrow.axis).clamp(-1.0, 1.0).acos();
+        // Not by the arc cosine, which takes angles below a thousandth for zero.
+        let between = wide.axis.cross(narrow.axis).length().atan2(wide.axis.dot(narrow.axis));
         let (mut axis, mut spread) = (wide.axis, wide.spread);
         if between + narrow.spread > wide.spread {
             spread = 0.5 * (wide.spread + between + narrow.spread);
@@ -104,7 +105,9 @@ impl LightBounds {
             field(node_field::AXIS + i, axis.to_bits());
         }
         field(node_field::RADIUS, radius.to_bits());
-        field(node_field::POWER, ((self.power / total_power) as f32).to_bits());
+        // Lights that all have no power have no share of it either.
+        let share = if self.power > 0.0 { self.power / total_power } else { 0.0 };
+        field(node_field::POWER, (share as f32).to_bits());
         field(node_field::SIN_SPREAD, sin.to_bits());
         field(node_field::LINK, link);
     }
@@ -118,9 +121,43 @@ struct Item {
     trail: u32,
 }
 
-/// Words that a tree over `count` lights never exceeds: a node has two children at least.
+/// Most emissive triangles that the trees of all meshes hold together. Trees and alias tables of so many take about 120
+/// MB, and WebGPU grants no more than 128 MiB to a storage binding.
+pub(super) const MOST_IN_TREES: usize = 1 << 20;
+
+/// Which meshes get a tree, by their numbers of emissive triangles: the smallest ones, while all together have no more
+/// than `most`.
+pub(super) fn which_have_trees(counts: &[usize], most: usize) -> Vec<bool> {
+    let mut order: Vec<usize> = (0..counts.len()).collect();
+    order.sort_by_key(|&mesh| counts[mesh]);
+    let mut has_tree = vec![false; counts.len()];
+    let mut sum = 0;
+    for mesh in order {
+        sum += counts[mesh];
+        has_tree[mesh] = sum <= most;
+    }
+    has_tree
+}
+
+/// Words that a tree over `count` lights never exceeds.
+///
+/// A node over more than eight lights has eight children, any other has lights alone, two at least. So with b nodes of
+/// the second kind there are (count - b - 1) / 7 of the first at most, and b is count / 2 at most.
 pub(super) fn capacity_words(count: usize) -> usize {
-    count + count.saturating_sub(1) * NODE_WORDS as usize
+    count + (4 * count).saturating_sub(1) / 7 * NODE_WORDS as usize
+}
+
+/// What is known of lights without a tree over them.
+pub(super) fn bounds_of(lights: &[LightBounds]) -> LightBounds {
+    match lights {
+        [] => LightBounds::NONE,
+        [light] => *light,
+        // By halves: rounding adds up over few unions.
+        _ => {
+            let (one, two) = lights.split_at(lights.len() / 2);
+            bounds_of(one).union(&bounds_of(two))
+        }
+    }
 }
 
 /// A tree over lights: its words in `lights`, and what is known of all of them. No lights: no words.
@@ -315,3 +352,6 @@ fn split(items: &mut [Item]) -> usize {
     }
     middle
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,190 @@
+//! The weight W of the candidate that is kept stands for the measure of (light, u, v): its mean over a cell, zero
+//! counted where the candidate is elsewhere, is the size of the cell.
+
+use rayon::prelude::*;
+use weir_shader::{bsdf_rays::bsdf_rays, candidates::candidates};
+use weir_shared::{
+    alias, frame::Frame, light_tree::NO_TREE, resample::choice, reservoir::Reservoir, reuse::lattice,
+    scene::instance_record::LIGHT_TREE_AT,
+};
+use weir_tests::statistics::Sums;
+
+use crate::cells::{Bench, Cell, PX};
+
+/// Trials that are added up by one thread: sums do not depend on how many threads there are.
+const PART: u32 = 1_000;
+
+/// A kind of candidates by its name.
+type Kind = (&'static str, fn(&mut Frame));
+
+/// From the table alone to everything at once. There are ten lamps.
+const KINDS: [Kind; 9] = [
+    ("table", |f| f.candidates = 8),
+    ("each lamp once", |f| f.candidates = 16),
+    ("uniform", |f| (f.candidates, f.pick_by_power) = (8, 0)),
+    ("table and tree", tree),
+    ("table, tree and BSDF", all),
+    ("table and BSDF", |f| (f.candidates, f.candidates_bsdf) = (8, 1)),
+    ("groups", |f| (f.candidates, f.candidates_full, f.choice) = (8, 3, choice::KEYS)),
+    ("groups, tree and BSDF", |f| {
+        all(f);
+        (f.candidates_full, f.choice) = (2, choice::PLAIN);
+    }),
+    ("off the lattice", |f| {
+        all(f);
+        (f.lattice, f.candidates_off_lattice) = (lattice::CHECKERBOARD, 2);
+    }),
+];
+
+fn tree(frame: &mut Frame) {
+    (frame.candidates, frame.candidates_tree) = (8, 6);
+}
+
+fn all(frame: &mut Frame) {
+    tree(frame);
+    frame.candidates_bsdf = 1;
+}
+
+/// Means of W: in each cell; in all cells of a light that are lit; in all that are lit.
+struct Means<'a> {
+    bench: &'a Bench,
+    cells: &'a [Cell],
+    lights: usize,
+}
+
+impl<'a> Means<'a> {
+    fn new(bench: &'a Bench, cells: &'a [Cell]) -> Self {
+        Self { bench, cells, lights: bench.light_of(cells.len() - 1) + 1 }
+    }
+
+    fn quantities(&self) -> usize {
+        self.cells.len() + self.lights + 1
+    }
+
+    /// What a reservoir adds to.
+    fn add(&self, sums: &mut Sums, reservoir: Reservoir) {
+        let cell = self.bench.cell_of(reservoir.light, reservoir.uv);
+        if !reservoir.has_sample() || !self.cells[cell].is_lit {
+            return sums.add([]);
+        }
+        let totals = [cell, self.cells.len() + self.bench.light_of(cell), self.quantities() - 1];
+        sums.add(totals.map(|quantity| (quantity, f64::from(reservoir.ucw))));
+    }
+
+    fn expected(&self) -> Vec<Option<f64>> {
+        let mut expected = vec![None; self.quantities()];
+        for (i, cell) in self.cells.iter().enumerate().filter(|(_, cell)| cell.is_lit) {
+            for quantity in [i, self.cells.len() + self.bench.light_of(i), self.quantities() - 1] {
+                *expected[quantity].get_or_insert(0.0) += cell.size;
+            }
+        }
+        expected
+    }
+}
+
+/// How far the worst mean is from the size that it stands for; above 1 is too far. `spoil` may plant an error in what
+/// the BSDF has found in a trial.
+fn deviation(
+    bench: &Bench,
+    cells: &[Cell],
+    kind: fn(&mut Frame),
+    parts: u32,
+    spoil: impl Fn(u32, Reservoir) -> Reservoir + Sync,
+) -> (usize, f64) {
+    let means = Means::new(bench, cells);
+    let (view, surfaces, lights) = (bench.view(), &bench.surfaces, &bench.packed.lights);
+    let trials = |sums: Sums, index: u32| {
+        let mut sums = sums;
+        let mut frame = bench.frame(index);
+        kind(&mut frame);
+        let mut hits = [Reservoir::EMPTY; 4];
+        if frame.candidates_bsdf > 0 {
+            let bvh = &bench.packed.bvh;
+            let hit = if bench.has_sky() {
+                bsdf_rays::<false, true, true>(PX, 0, &frame, &view, bvh, surfaces)
+            } else {
+                bsdf_rays::<false, false, true>(PX, 0, &frame, &view, bvh, surfaces)
+            };
+            hits[frame.index_of(PX) as usize] = spoil(index, hit);
+        }
+        let kept = if bench.has_sky() {
+            candidates::<false, true, true>(PX, 0, &frame, &view, lights, surfaces, &hits)
+        } else {
+            candidates::<false, false, true>(PX, 0, &frame, &view, lights, surfaces, &hits)
+        };
+        means.add(&mut sums, kept);
+        sums
+    };
+    let none = || Sums::new(means.quantities());
+    let parts: Vec<Sums> =
+        (0..parts).into_par_iter().map(|p| (p * PART..(p + 1) * PART).fold(none(), trials)).collect();
+    parts.iter().fold(none(), |all, part| all.merged(part)).worst(&means.expected())
+}
+
+fn check(bench: &Bench) {
+    let cells = bench.cells();
+    let lit = cells.iter().filter(|c| c.is_lit).count();
+    assert!(lit >= if bench.has_sky() { 70 } else { 40 }, "{lit} cells are too few");
+    for (name, kind) in KINDS {
+        let (worst, share) = deviation(bench, &cells, kind, 400, |_, hit| hit);
+        println!("{name}: {share:.2}");
+        assert!(share < 1.0, "sky {}, {name}: quantity {worst} is off by {share} times the bound", bench.has_sky());
+    }
+}
+
+#[test]
+fn the_mean_of_w_over_a_cell_is_its_size() {
+    check(&Bench::new(false, 0.3, 0.5));
+}
+
+#[test]
+fn with_a_sky_the_mean_of_w_over_a_cell_is_its_size() {
+    check(&Bench::new(true, 0.3, 0.5));
+}
+
+/// Where trees would be too large, alias tables stand in.
+#[test]
+fn without_trees_of_meshes_the_mean_of_w_over_a_cell_is_its_size() {
+    let mut bench = Bench::new(false, 0.0, 1.0);
+    for instance in 0..bench.packed.frame.instance_count {
+        let at = bench.view().instance_at(&bench.packed.frame, instance) + LIGHT_TREE_AT;
+        bench.packed.records[at as usize] = NO_TREE;
+    }
+    check(&bench);
+}
+
+/// Multiplies the reported probabilities of an alias table by 1.03, but not what it draws.
+fn spoil_table(lights: &mut [u32], at: u32, count: u32) {
+    for entry in lights[at as usize..].chunks_exact_mut(alias::ENTRY_WORDS as usize).take(count as usize) {
+        entry[2] = (f32::from_bits(entry[2]) * 1.03).to_bits();
+    }
+}
+
+/// The checks above have teeth: 3 % in the density of one technique is seen, and so is a tree that leads to one lamp and
+/// reports another.
+#[test]
+fn an_error_of_three_percent_in_a_density_is_seen() {
+    let see = |what: &str, bench: &Bench, kind: fn(&mut Frame), spoil: fn(u32, Reservoir) -> Reservoir| {
+        let (_, share) = deviation(bench, &bench.cells(), kind, 1_600, spoil);
+        println!("{what}: {share:.2}");
+        assert!(share > 1.0, "{what}: {share}");
+    };
+    let fine = |_, hit| hit;
+    // Where they matter most: few other candidates, and a surface that mirrors.
+    let few: fn(&mut Frame) = |f| (f.candidates, f.candidates_bsdf) = (2, 1);
+    see("rays", &Bench::new(true, 0.9, 0.4), few, |index, hit| if index % 33 == 0 { Reservoir::EMPTY } else { hit });
+    let mut bench = Bench::new(false, 0.3, 0.5);
+    let emitters = bench.packed.frame.emitter_count;
+    spoil_table(&mut bench.packed.lights, 0, emitters);
+    see("table", &bench, all, fine);
+
+    let mut bench = Bench::new(true, 0.3, 0.5);
+    let Frame { environment_table_at, environment_width, environment_height, .. } = bench.packed.frame;
+    spoil_table(&mut bench.packed.lights, environment_table_at, environment_width * environment_height);
+    see("sky", &bench, |f| f.candidates = 8, fine);
+
+    let mut bench = Bench::new(false, 0.3, 0.5);
+    let at = bench.packed.frame.light_tree_at as usize;
+    bench.packed.lights.swap(at, at + 1);
+    see("tree", &bench, all, fine);
+}

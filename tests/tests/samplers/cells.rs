@@ -1,0 +1,135 @@
+//! The lamps above a surface, cut into cells of (light, u, v).
+
+use glam::{UVec2, Vec3};
+use weir::packed::PackedScene;
+use weir_shared::{
+    bvh::unoccluded,
+    frame::Frame,
+    light::{self, ENVIRONMENT_BIT, LightPoint},
+    numerics::{pack_cell, pack_unorm16},
+    octahedral,
+    scene::Scene as SceneView,
+    surface::Surface,
+    target::Domain,
+};
+use weir_tests::scenes::lamps;
+
+/// The pixel that everything runs for, of 2x2: off the lattice, where there is one.
+pub const PX: UVec2 = UVec2::new(1, 0);
+
+/// Cells along each side of a lamp.
+const SIDE: u32 = 2;
+/// Points along each side of a cell for integrals over it.
+const FINE: u32 = 24;
+
+/// A surface at the origin, and what may be above it.
+pub struct Bench {
+    pub packed: PackedScene,
+    pub surface: Surface,
+    /// The same for each pixel.
+    pub surfaces: Vec<Surface>,
+}
+
+/// A cell, integrated over.
+#[derive(Clone, Copy, Debug)]
+pub struct Cell {
+    /// Size in units of (u, v).
+    pub size: f64,
+    /// Probability that a direction from the BSDF ends there, shadows regarded.
+    pub bsdf: f64,
+    /// Whether every point reaches the surface.
+    pub is_lit: bool,
+}
+
+impl Bench {
+    pub fn new(sky: bool, specular: f32, roughness: f32) -> Self {
+        let mut packed = PackedScene::new(&lamps(sky), 0.0).expect("packs");
+        packed.frame = Frame {
+            width: 2,
+            height: 2,
+            reservoirs: 1,
+            camera_origin: Vec3::new(0.6, 1.0, 2.0),
+            pick_by_power: 1,
+            ..packed.frame
+        };
+        let surface = Surface {
+            normal_geometric: octahedral::pack(Vec3::Y),
+            normal_shading: octahedral::pack(Vec3::Y),
+            specular_rg: pack_unorm16(specular) * 0x1_0001,
+            specular_b_roughness: pack_unorm16(specular) | (pack_unorm16(roughness) << 16),
+            diffuse: [0.5, 0.4, 0.3],
+            instance: 1 << 31,
+            ..Surface::default()
+        };
+        Self { packed, surface, surfaces: vec![surface; 4] }
+    }
+
+    pub fn has_sky(&self) -> bool {
+        self.packed.frame.environment_width > 0
+    }
+
+    pub fn view(&self) -> SceneView<'_> {
+        let PackedScene { triangles, records, texels, .. } = &self.packed;
+        SceneView { triangles, records, texels }
+    }
+
+    pub fn domain(&self) -> Domain {
+        Domain::new(self.packed.frame.camera_origin, &self.surface)
+    }
+
+    /// The frame of trial `index`.
+    pub fn frame(&self, index: u32) -> Frame {
+        Frame { index, ..self.packed.frame }
+    }
+
+    fn lamp_cells(&self) -> usize {
+        (self.packed.frame.light_count * SIDE * SIDE) as usize
+    }
+
+    /// The cell of a sample. A texel of the sky is one.
+    pub fn cell_of(&self, light: u32, uv: u32) -> usize {
+        if light & ENVIRONMENT_BIT != 0 {
+            return self.lamp_cells() + (light & !ENVIRONMENT_BIT) as usize;
+        }
+        let (u, v) = ((uv & 0xffff) * SIDE >> 16, (uv >> 16) * SIDE >> 16);
+        ((light * SIDE + v) * SIDE + u) as usize
+    }
+
+    /// The light of a cell; all of the sky is one.
+    pub fn light_of(&self, cell: usize) -> usize {
+        cell.min(self.lamp_cells()) / (SIDE * SIDE) as usize
+    }
+
+    fn is_visible(&self, point: &LightPoint) -> bool {
+        let ray = light::shadow_ray::<true>(&self.surface, point);
+        unoccluded::<false, true>(&self.packed.frame, &self.view(), &self.packed.bvh, &ray)
+    }
+
+    /// All cells, by the midpoint rule.
+    pub fn cells(&self) -> Vec<Cell> {
+        let frame = &self.packed.frame;
+        let texels = frame.environment_width * frame.environment_height;
+        let domain = self.domain();
+        let cell = |light: u32, u0: f32, v0: f32, side: f32| {
+            let points = FINE * FINE;
+            let mut cell = Cell { size: f64::from(side * side), bsdf: 0.0, is_lit: true };
+            for i in 0..points {
+                let along = |i: u32| side * (i as f32 + 0.5) / FINE as f32;
+                let uv = pack_cell(u0 + along(i % FINE), v0 + along(i / FINE));
+                let point = light::evaluate::<false, true>(frame, &self.view(), light, uv);
+                let (target, bsdf) = domain.target_and_density::<true, true>(&point);
+                let is_above = light::arriving::<true>(domain.position, &point).direction.y > 0.0;
+                let is_seen = is_above && self.is_visible(&point);
+                cell.bsdf += if is_seen { f64::from(bsdf) * cell.size / f64::from(points) } else { 0.0 };
+                cell.is_lit &= is_seen && target > 0.0;
+            }
+            cell
+        };
+        let step = 1.0 / SIDE as f32;
+        let lamps = (0..frame.light_count * SIDE * SIDE).map(|i| {
+            let (light, v, u) = (i / (SIDE * SIDE), i / SIDE % SIDE, i % SIDE);
+            cell(light, u as f32 * step, v as f32 * step, step)
+        });
+        lamps.chain((0..texels).map(|texel| cell(texel | ENVIRONMENT_BIT, 0.0, 0.0, 1.0))).collect()
+    }
+}

@@ -1,0 +1,56 @@
+//! Picks from tables.
+
+use weir_shared::{environment, frame::Frame, light, rng::pcg4d};
+use weir_tests::statistics::misfit;
+
+use crate::cells::Bench;
+
+const PICKS: u32 = 2_000_000;
+
+/// Frequencies of picks, each among `count`.
+fn frequencies(count: u32, pick: impl Fn([u32; 4]) -> u32) -> Vec<f64> {
+    let mut counts = vec![0.0; count as usize];
+    (0..PICKS).for_each(|i| counts[pick(pcg4d(i, 3, 1, 4)) as usize] += 1.0);
+    counts
+}
+
+/// Whether frequencies fit the probabilities, and would not with the largest of them 10 % larger.
+fn fits(observed: &[f64], pmf: &[f64]) -> bool {
+    assert!((pmf.iter().sum::<f64>() - 1.0).abs() < 1e-6, "{pmf:?}");
+    let largest = pmf.iter().fold(0.0, |a: f64, &b| a.max(b));
+    let share = |wrong: f64| {
+        let expected = pmf.iter().map(|&p| p * f64::from(PICKS) * if p == largest { wrong } else { 1.0 });
+        misfit(observed, &expected.collect::<Vec<_>>())
+    };
+    assert!(share(1.1) > 1.0, "the check has no teeth");
+    share(1.0) < 1.0
+}
+
+#[test]
+fn texels_of_the_sky_are_picked_as_often_as_reported() {
+    let bench = Bench::new(true, 0.0, 1.0);
+    let (frame, lights) = (&bench.packed.frame, &bench.packed.lights);
+    let count = frame.environment_width * frame.environment_height;
+    let pmf: Vec<f64> = (0..count).map(|texel| f64::from(environment::pmf(frame, lights, texel))).collect();
+    let observed = frequencies(count, |bits| {
+        let picked = environment::pick(frame, lights, bits[0], bits[1]);
+        assert_eq!(picked.pmf, environment::pmf(frame, lights, picked.index));
+        picked.index
+    });
+    assert!(fits(&observed, &pmf), "{observed:?} for {pmf:?}");
+}
+
+#[test]
+fn lamps_are_picked_as_often_as_reported_by_power_and_uniformly() {
+    let bench = Bench::new(false, 0.0, 1.0);
+    for pick_by_power in [0, 1] {
+        let (frame, view) = (Frame { pick_by_power, ..bench.packed.frame }, bench.view());
+        let lights = &bench.packed.lights;
+        let pmf = |light| f64::from(light::pmf(&frame, &view, lights, light::address_of(&frame, &view, light)));
+        let pmf: Vec<f64> = (0..frame.light_count).map(pmf).collect();
+        let observed = frequencies(frame.light_count, |bits| {
+            light::light_at(&frame, &view, light::pick(&frame, &view, lights, bits).address)
+        });
+        assert!(fits(&observed, &pmf), "by power {pick_by_power}: {observed:?} for {pmf:?}");
+    }
+}
