@@ -231,7 +231,7 @@ struct ExportArguments {
 fn knobs() -> String {
     let mut text = String::from("Knobs for --set:\n");
     for knob in KNOBS {
-        let _ = write!(text, "  {} = {}\n      {}\n", knob.key, knob.values, knob.help);
+        let _ = write!(text, "  {} = {}\n      {}\n", knob.key, knob.values, knob.shown_help());
     }
     text
 }

@@ -287,6 +287,9 @@ impl<'a> Reference<'a> {
         if map != NO_TEXTURE {
             emission *= texture::rgb_at(frame, scene, map, scene.uv_at(frame, instance, triangle, b, c));
         }
+        if self.masks && !texture::is_opaque(frame, scene, instance, triangle, b, c) {
+            return DVec3::ZERO;
+        }
         let direction = (toward / distance2.sqrt()).as_vec3();
         let reflected = bsdf.evaluate::<true>(direction).as_dvec3();
         if reflected == DVec3::ZERO || emission == Vec3::ZERO {

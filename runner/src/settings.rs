@@ -203,6 +203,48 @@ mod tests {
     }
 
     #[test]
+    fn the_help_of_every_knob_shows_its_default() {
+        let settings = Settings::default();
+        for knob in KNOBS {
+            let default = knob.get(&settings);
+            assert!(
+                !default.is_empty() && knob.shown_help().ends_with(&format!(". Default {default}")),
+                "{}",
+                knob.key
+            );
+            assert!(!knob.help.contains("Default"), "`{}` has its default typed by hand", knob.key);
+            assert!(knob.set(&mut settings.clone(), &default), "`{}` refuses `{default}`", knob.key);
+        }
+    }
+
+    #[test]
+    fn the_help_of_every_knob_says_what_more_and_less_or_each_value_does() {
+        for Knob { key, values, help, .. } in KNOBS {
+            let is_range = values.contains(" to ") || *values == "0 or 1";
+            if is_range {
+                assert!(help.contains("More: ") && help.contains("less: "), "{key}");
+                continue;
+            }
+            let names = values.split([',', ' ']).filter(|name| !name.is_empty() && *name != "or");
+            let said: Vec<&str> = help.split([' ', ':', '(', ')', ',']).collect();
+            names.for_each(|name| assert!(said.contains(&name), "{key}: {name}"));
+        }
+    }
+
+    #[test]
+    fn a_preset_knows_its_name_until_a_knob_leaves_it() {
+        let preset = KNOBS.iter().find(|k| k.key == "preset").expect("there is one");
+        for wanted in Preset::ALL {
+            let mut settings = Settings::default();
+            settings.apply("camera.jitter=off").expect("a knob");
+            settings.apply(&format!("preset={}", wanted.name())).expect("a preset");
+            assert_eq!(preset.get(&settings), wanted.name());
+            settings.apply("candidates.count=5").expect("in range");
+            assert_eq!(preset.get(&settings), "");
+        }
+    }
+
+    #[test]
     fn forms_that_compare_all_with_all_refuse_lazy_rays() {
         let mut settings = Settings::default();
         settings.apply("reuse.mis=balance").expect("in range");

@@ -263,3 +263,29 @@ pub fn direct_light_with(
 ) -> Result<Plan, GraphError> {
     plan(&steps(technique, settings, curve), passes, RESOURCES, facts, outputs)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::Preset;
+
+    /// Passes that shoot rays after the camera's, and how many of them a frame has.
+    fn rays(technique: Technique, preset: Preset) -> [usize; 4] {
+        let facts = Facts { width: 8, height: 8, reservoirs: 1, has: vec![Need::Lights], features: Vec::new() };
+        let plan = direct_light(technique, &preset.settings(), &facts, ToneCurve::default(), &["display"]);
+        let names = plan.expect("a frame").pass_names();
+        ["bsdf_rays", "visibility", "temporal_rays", "spatial_rays"]
+            .map(|pass| names.iter().filter(|name| **name == pass).count())
+    }
+
+    /// Help and README state them: `temporal_rays` and `spatial_rays` shoot one ray from a partner and, for `quality`,
+    /// one to the sample of every other input; the others shoot one.
+    #[test]
+    fn each_preset_shoots_the_rays_that_its_help_states() {
+        assert_eq!(rays(Technique::RealTime, Preset::Fast), [0, 1, 0, 0]);
+        assert_eq!(rays(Technique::RealTime, Preset::Balanced), [1, 2, 1, 0]);
+        assert_eq!(rays(Technique::RealTime, Preset::Quality), [1, 1, 1, 1]);
+        assert_eq!(rays(Technique::RealTime, Preset::Paper), [0, 1, 1, 1]);
+        assert_eq!(rays(Technique::Still, Preset::Balanced), [1, 4, 0, 3]);
+    }
+}

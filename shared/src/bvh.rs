@@ -11,8 +11,8 @@ use crate::{
     frame::Frame,
     numerics::{abs, copysign, load, max, min},
     ray::{Hit, Ray},
-    scene::{NO_TEXTURE, Scene, attribute_flags, instance_record, material_record},
-    texture::alpha_at,
+    scene::{Scene, instance_record},
+    texture::is_opaque,
     triangle::ShearedRay,
 };
 
@@ -422,17 +422,6 @@ fn unoccluded_in_instance<const TEXTURES: bool, T: Tests>(
         let (first, marked) = (first_triangle + walk.to_visit.primitives.x, walk.to_visit.primitives.y);
         walk.to_visit.primitives.y = tests.triangles(scene.triangles, first, marked, &sheared, ray.t_max);
     }
-}
-
-/// Whether the alpha mask leaves a surface at barycentric weights (`u`, `v`).
-#[inline(always)]
-fn is_opaque(frame: &Frame, scene: &Scene, instance: u32, triangle: u32, u: f32, v: f32) -> bool {
-    if (scene.instance_word(frame, instance, instance_record::FLAGS) & attribute_flags::UVS) == 0 {
-        return true;
-    }
-    let material = scene.material_of(frame, instance, triangle);
-    let mask = scene.material_word(material, material_record::ALPHA_TEXTURE);
-    mask == NO_TEXTURE || alpha_at(frame, scene, mask, scene.uv_at(frame, instance, triangle, u, v)) >= 0.5
 }
 
 #[cfg(test)]

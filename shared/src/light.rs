@@ -144,7 +144,8 @@ pub fn translate(from: &Frame, to: &Frame, scene: &Scene, light: u32) -> u32 {
 }
 
 /// The point `uv` (two 16-bit numbers) of light `light`. Evaluated from the quantised numbers, so that every reader
-/// of a stored sample sees the same point.
+/// of a stored sample sees the same point. Without `TEXTURES` only the place is right: emission has no texture and no
+/// holes then.
 #[inline(always)]
 pub fn evaluate<const TEXTURES: bool, const ENVIRONMENT: bool>(
     frame: &Frame,
@@ -187,6 +188,10 @@ pub fn evaluate_triangle<const TEXTURES: bool>(frame: &Frame, scene: &Scene, pla
         let map = scene.material_word(material, material_record::EMISSION_TEXTURE);
         if map != NO_TEXTURE {
             radiance *= texture::rgb_at(frame, scene, map, scene.uv_at(frame, instance, triangle, b, c));
+        }
+        // Rays go through the holes of a mask, so nothing there emits.
+        if !texture::is_opaque(frame, scene, instance, triangle, b, c) {
+            radiance = Vec3::ZERO;
         }
     }
     let cross = vertices.doubled_area_normal();

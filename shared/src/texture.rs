@@ -1,11 +1,11 @@
-//! 8-bit images: bilinear lookups that repeat in both directions.
+//! 8-bit images: bilinear lookups that repeat in both directions, and alpha masks.
 
 use glam::{UVec4, Vec2, Vec3};
 
 use crate::{
     frame::Frame,
     numerics::{floor, load, pow},
-    scene::{Scene, texture_record},
+    scene::{NO_TEXTURE, Scene, attribute_flags, instance_record, material_record, texture_record},
 };
 
 /// The four texels around a point and how far it lies between them.
@@ -77,6 +77,17 @@ pub fn alpha_at(frame: &Frame, scene: &Scene, texture: u32, uv: Vec2) -> f32 {
     let top = red(f.texels[0]) * (1.0 - f.x) + red(f.texels[1]) * f.x;
     let bottom = red(f.texels[2]) * (1.0 - f.x) + red(f.texels[3]) * f.x;
     top * (1.0 - f.y) + bottom * f.y
+}
+
+/// Whether the alpha mask of a triangle's material leaves a surface at barycentric weights (`u`, `v`).
+#[inline(always)]
+pub fn is_opaque(frame: &Frame, scene: &Scene, instance: u32, triangle: u32, u: f32, v: f32) -> bool {
+    if (scene.instance_word(frame, instance, instance_record::FLAGS) & attribute_flags::UVS) == 0 {
+        return true;
+    }
+    let material = scene.material_of(frame, instance, triangle);
+    let mask = scene.material_word(material, material_record::ALPHA_TEXTURE);
+    mask == NO_TEXTURE || alpha_at(frame, scene, mask, scene.uv_at(frame, instance, triangle, u, v)) >= 0.5
 }
 
 #[cfg(test)]

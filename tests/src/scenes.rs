@@ -111,3 +111,45 @@ pub fn lamps(sky: bool) -> Scene {
         ..Scene::default()
     }
 }
+
+/// What is left of a lamp of one by one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lamp {
+    /// All of it.
+    Whole,
+    /// The half at larger x: the rest is a hole in its alpha mask.
+    Masked,
+    /// The same half, as a lamp of half the size.
+    Half,
+}
+
+/// A lamp out of view above a floor.
+pub fn lamp_above_a_floor(lamp: Lamp) -> Scene {
+    // Interpolated between black and white and repeating, the mask is 0.5 at both ends of the white half.
+    let mask =
+        Texture { name: "mask".into(), width: 2, height: 1, texels: vec![0xff00_0000, 0xffff_ffff], srgb: false };
+    let shining = Material {
+        emission: Vec3::new(6.0, 5.0, 3.0),
+        alpha_texture: (lamp == Lamp::Masked).then_some(0),
+        ..Material::default()
+    };
+    let (left, width) = if lamp == Lamp::Half { (0.0, 0.5) } else { (-0.5, 1.0) };
+    let still = |mesh| Instance { mesh, world_from_object: Mat4::IDENTITY, motion: Motion::Still };
+    Scene {
+        name: "lamp".into(),
+        meshes: vec![
+            quad("floor", Vec3::new(-2.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::NEG_Z * 4.0, 0),
+            quad("lamp", Vec3::new(left, 1.0, -0.5), Vec3::X * width, Vec3::Z, 1),
+        ],
+        instances: vec![still(0), still(1)],
+        materials: vec![Material::default(), shining],
+        textures: if lamp == Lamp::Masked { vec![mask] } else { Vec::new() },
+        environment: None,
+        camera: Some(Camera {
+            origin: Vec3::new(0.0, 0.9, 3.5),
+            target: Vec3::new(0.0, -0.2, 0.5),
+            up: Vec3::Y,
+            vfov_deg: 36.0,
+        }),
+    }
+}

@@ -8,7 +8,7 @@ use weir::{
     settings::Settings,
     technique::{Technique, ToneCurve},
 };
-use weir_tests::scenes::variety;
+use weir_tests::scenes::{Lamp, lamp_above_a_floor, variety};
 
 const WIDTH: u32 = 48;
 const HEIGHT: u32 = 32;
@@ -77,8 +77,12 @@ fn compare(a: &Rendered, b: &Rendered) -> Result<f64, String> {
 }
 
 fn passes(scene: &Scene, samples: u32, seed: u32, knobs: &[&str]) -> Rendered {
+    passes_of(Technique::Candidates, scene, samples, seed, knobs)
+}
+
+fn passes_of(technique: Technique, scene: &Scene, samples: u32, seed: u32, knobs: &[&str]) -> Rendered {
     let packed = PackedScene::new(scene, 0.0).expect("packs");
-    let request = request(scene, samples, seed, knobs);
+    let request = Request { technique, ..request(scene, samples, seed, knobs) };
     render(&packed, &request, &Backend::Cpu(Order::default()), |_| true).expect("renders")
 }
 
@@ -114,6 +118,28 @@ fn resampled_candidates_have_the_mean_of_the_reference() {
             }
         }
     }
+}
+
+#[test]
+fn a_lamp_with_a_hole_in_its_mask_shines_as_what_is_left_of_it() {
+    let samples = 256;
+    let judge = reference(&lamp_above_a_floor(Lamp::Half), samples);
+    let masked = lamp_above_a_floor(Lamp::Masked);
+    let mean = |r: &Rendered| r.picture.rgb.iter().map(|p| f64::from(p[0])).sum::<f64>() / f64::from(WIDTH * HEIGHT);
+    let check = |name: &str, result: &Rendered| {
+        println!("{name}: mean of red {:.4}, of half the lamp {:.4}", mean(result), mean(&judge));
+        compare(result, &judge).unwrap_or_else(|difference| panic!("{name}: {difference}"));
+    };
+    check("reference", &reference(&masked, samples));
+    // Up to one candidate the two triangles are drawn, above they are enumerated.
+    for (count, bsdf) in [(1, 0), (1, 1), (8, 0), (8, 1)] {
+        let knobs = [format!("candidates.count={count}"), format!("candidates.bsdf={bsdf}")];
+        let knobs = knobs.each_ref().map(String::as_str);
+        check(&knobs.join(", "), &passes(&masked, samples, 1, &knobs));
+    }
+    check("reuse", &passes_of(Technique::Still, &masked, samples, 1, &[]));
+    let whole = passes(&lamp_above_a_floor(Lamp::Whole), samples, 1, &[]);
+    assert!(compare(&whole, &judge).is_err(), "half of the light went unnoticed");
 }
 
 #[test]

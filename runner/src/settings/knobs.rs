@@ -13,7 +13,7 @@ pub struct Knob {
     pub key: &'static str,
     /// What may stand behind it.
     pub values: &'static str,
-    /// Default, and what more and less of it do.
+    /// What more and less of it do, or what each value does; without the default, see [`Knob::shown_help`].
     pub help: &'static str,
     set: fn(&mut Settings, &str) -> bool,
     get: fn(&Settings) -> String,
@@ -25,7 +25,12 @@ impl Knob {
         (self.set)(settings, value)
     }
 
-    /// Its value in `settings`, as [`Knob::set`] takes it.
+    /// Its help and its default.
+    pub fn shown_help(&self) -> String {
+        format!("{}. Default {}", self.help, self.get(&Settings::default()))
+    }
+
+    /// Its value in `settings`, as [`Knob::set`] takes it; nothing if no value of it gives these settings.
     pub fn get(&self, settings: &Settings) -> String {
         (self.get)(settings)
     }
@@ -60,6 +65,12 @@ fn text(value: impl Display) -> String {
     value.to_string()
 }
 
+/// `settings` with everything that `preset` decides.
+fn with_preset(settings: &Settings, preset: Preset) -> Settings {
+    let Settings { jitter, path_length, time_s, time_step_s, .. } = *settings;
+    Settings { jitter, path_length, time_s, time_step_s, ..preset.settings() }
+}
+
 const SOURCES: &[(&str, bool)] = &[("power", true), ("uniform", false)];
 const SWITCH: &[(&str, bool)] = &[("on", true), ("off", false)];
 const CHOICES: &[(&str, u32)] = &[("threshold", choice::THRESHOLD), ("plain", choice::PLAIN), ("keys", choice::KEYS)];
@@ -90,43 +101,45 @@ pub const KNOBS: &[Knob] = &[
     Knob {
         key: "preset",
         values: "fast, balanced, quality or paper",
-        help: "all the knobs of sampling, reuse and rays together; give it first. fast: one shadow ray a pixel. \
-               balanced: three at most. quality: visibility in the target. paper: the setting of the first paper, \
-               32 candidates, 3 neighbours within 30 pixels, 20 frames of history. Default balanced",
+        help: "all the knobs of sampling, reuse and rays together; give it first. fast: the least time a frame, 1 \
+               shadow ray a pixel. balanced: less noise, for 1 ray by the BSDF and, in real time, 3 shadow rays at \
+               most. quality: the least noise in real time, for 1 ray by the BSDF, 1 shadow ray to the fresh sample, \
+               and in each merge 1 from a partner and 1 to the sample of every other input. paper: the setting of \
+               the first paper, 32 candidates, 3 neighbours within 30 pixels, 20 frames of history, shadow rays as \
+               in quality, none by the BSDF",
         set: |s, text| {
             let Some(preset) = Preset::ALL.into_iter().find(|p| p.name() == text) else { return false };
-            *s = Settings {
-                jitter: s.jitter,
-                path_length: s.path_length,
-                time_s: s.time_s,
-                time_step_s: s.time_step_s,
-                ..preset.settings()
-            };
+            *s = with_preset(s, preset);
             true
         },
-        get: |_| String::new(),
+        get: |s| {
+            let preset = Preset::ALL.into_iter().find(|p| with_preset(s, *p) == *s);
+            preset.map_or_else(String::new, |p| text(p.name()))
+        },
     },
     Knob {
         key: "candidates.count",
         values: "1 to 4096",
-        help: "light samples offered to each reservoir in a frame. More: less noise a frame; less: faster frames. With \
-               no more lights than this, each light is offered once. Default 16",
+        help: "light samples offered to each reservoir in a frame. More: less noise a frame; less: faster frames. \
+               With no more lights than this, each light is offered once",
         set: |s, text| number(&mut s.candidates, text, 1, 4096),
         get: |s| text(s.candidates),
     },
     Knob {
         key: "candidates.source",
         values: "power or uniform",
-        help: "how candidates are drawn from the emissive triangles: by emitted power, or all alike. Default power",
+        help: "how these are drawn from the emissive triangles. power: by emitted power, less noise where some \
+               lights are much brighter than others; uniform: all alike, less noise where the brightest are out of \
+               sight",
         set: |s, text| named(&mut s.pick_by_power, text, SOURCES),
         get: |s| name_of(s.pick_by_power, SOURCES),
     },
     Knob {
         key: "candidates.tree",
         values: "0 to 256",
-        help: "candidates that come down a tree over the lights, which knows where they are and where they face. More: \
-               less noise where lights are many and the near ones matter; less: faster frames. Beside them one or two of \
-               `candidates.count` do. Default 4",
+        help: "candidates that come down a tree over the lights, which knows where they are and where they face. \
+               More: less noise where lights are many and the near ones matter; less: faster frames. Beside them one \
+               or two of `candidates.count` do",
         set: |s, text| number(&mut s.candidates_tree, text, 0, 256),
         get: |s| text(s.candidates_tree),
     },
@@ -135,7 +148,7 @@ pub const KNOBS: &[Knob] = &[
         values: "0 or 1",
         help: "rays in directions drawn from the BSDF, whose hits are candidates too. More: less noise where glossy \
                surfaces mirror lights, or lights are near; less: a ray less. With reuse they need `rays=balanced` or \
-               `quality`, and are left out otherwise: they never find what is hidden. Default 1",
+               `quality`, and are left out otherwise: they never find what is hidden",
         set: |s, text| number(&mut s.candidates_bsdf, text, 0, 1),
         get: |s| text(s.candidates_bsdf),
     },
@@ -143,94 +156,106 @@ pub const KNOBS: &[Knob] = &[
         key: "candidates.full",
         values: "0 to 64",
         help: "groups of candidates that compete by irradiance before one of each meets the full target. More: closer \
-               to the full target for all, which 0 stands for; less: fewer evaluations of the BSDF. Default 0",
+               to the full target for all, which 0 stands for; less: fewer evaluations of the BSDF",
         set: |s, text| number(&mut s.candidates_full, text, 0, 64),
         get: |s| text(s.candidates_full),
     },
     Knob {
         key: "candidates.off_lattice",
         values: "1 to 4096",
-        help: "as `candidates.count`, for pixels that `reuse.resolution` leaves out. Default 2",
+        help: "as `candidates.count`, for pixels that `reuse.resolution` leaves out. More: less noise there; less: \
+               faster frames",
         set: |s, text| number(&mut s.candidates_off_lattice, text, 1, 4096),
         get: |s| text(s.candidates_off_lattice),
     },
     Knob {
         key: "reservoirs.count",
         values: "1 to 8",
-        help: "reservoirs of each pixel, each with candidates, reuse and rays of its own. More: less noise; less: faster. \
-               Default 1",
+        help: "reservoirs of each pixel, each with candidates, reuse and rays of its own. More: less noise, for as \
+               many times the rays, time and memory; less: faster",
         set: |s, text| number(&mut s.reservoirs, text, 1, 8),
         get: |s| text(s.reservoirs),
     },
     Knob {
         key: "reservoirs.choice",
         values: "threshold, plain or keys",
-        help: "how one sample of a stream is chosen; the law is the same. threshold: few random numbers; plain: one for \
-               each sample; keys: the smallest of exponential keys. Default threshold",
+        help: "how one sample of a stream is chosen; the law is the same, and so is the noise. threshold: a random \
+               number only when another sample is kept; plain: one for each sample; keys: one for each sample, and a \
+               logarithm",
         set: |s, text| named(&mut s.choice, text, CHOICES),
         get: |s| name_of(s.choice, CHOICES),
     },
     Knob {
         key: "rays",
         values: "speed, balanced, quality, before, after, both or none",
-        help: "shadow rays. speed (or after): one, to the sample that is shaded; balanced: three at most, known to reuse; \
-               quality: one to each sample that reuse compares; all of these unbiased. before: one before reuse, both: \
-               that and one after, none: no shadows; these are biased, for comparison. Default balanced",
+        help: "shadow rays of each pixel, beside the ray of `candidates.bsdf`. speed (or after): 1, to the sample \
+               that is shaded; the fastest. balanced: 1 to the fresh sample and, in each merge, 1 from a partner and \
+               1 to the sample that is kept, so 3 at most in real time; less noise. quality: 1 to the fresh sample \
+               and, in each merge, 1 from a partner and 1 to the sample of every other input; the least noise a \
+               frame, the slowest. All of these are unbiased. before: 1 before reuse, shadows are wrong where \
+               neighbours differ; both: that and 1 after, too dark there; none: no shadows; these are biased, for \
+               comparison",
         set: |s, text| named(&mut s.rays, text, RAYS),
         get: |s| name_of(s.rays, RAYS),
     },
     Knob {
         key: "shade.sum",
         values: "on or off",
-        help: "with `rays=quality`: shade the sum over all inputs of the last merge rather than the one that is kept. \
-               on: less noise, in colour above all. Default on",
+        help: "with `rays=quality`: what is shaded. on: the sum over all inputs of the last merge, less noise, in \
+               colour above all; off: the one sample that is kept",
         set: |s, text| named(&mut s.sum, text, SWITCH),
         get: |s| name_of(s.sum, SWITCH),
     },
     Knob {
         key: "reuse.mis",
         values: "pairwise-defensive, pairwise, balance, contribution, 1/z or 1/m",
-        help: "weights of merging. The first two cost time in proportion to the inputs, the others to their square, and \
-               need `rays=speed`. 1/m is biased, for comparison. Default pairwise-defensive",
+        help: "weights of merging. pairwise-defensive: time in proportion to the inputs, and the pixel's own sample \
+               keeps a share whatever the others are like; pairwise: the same time without that share, less noise \
+               where inputs are alike, more where they are not. The others take time by the square of the inputs, \
+               and need `rays=speed`. balance: the least variance; contribution and 1/z: more of it, for comparison \
+               with older work; 1/m: biased, too dark where an input could not have had the sample, for comparison",
         set: |s, text| named(&mut s.mis_form, text, FORMS),
         get: |s| name_of(s.mis_form, FORMS),
     },
     Knob {
         key: "reuse.radius",
         values: "1 to 120",
-        help: "how far away neighbours may be, in pixels. More: less alike, so less of use, but less correlated; less: \
-               blotches. Default 10",
+        help: "how far away neighbours may be, in pixels. More: less alike, so less of use, but less correlated; \
+               less: blotches",
         set: |s, text| number(&mut s.radius_px, text, 1.0, 120.0),
         get: |s| text(s.radius_px),
     },
     Knob {
         key: "reuse.rule",
         values: "disk, compatible or paired",
-        help: "how neighbours are found, by geometry alone. disk: similar surfaces at evenly spread points; compatible: \
-               the most similar of sixteen such points; paired: pixels that have each other. Default disk",
+        help: "how neighbours are found, by geometry alone. disk: similar surfaces at evenly spread points, with \
+               three tries for each; compatible: the most similar of sixteen such points, so eight at most: closer \
+               matches, for more surfaces to look at; paired: pixels that have each other, with one try for each: \
+               the least to look at, but fewer neighbours at edges",
         set: |s, text| named(&mut s.neighbor_rule, text, RULES),
         get: |s| name_of(s.neighbor_rule, RULES),
     },
     Knob {
         key: "reuse.normal",
         values: "0 to 180",
-        help: "largest angle between the normals of neighbours, in degrees. More: more neighbours at edges, less alike. \
-               Default 25",
+        help: "largest angle between the normals of neighbours, in degrees. More: more neighbours at edges, less \
+               alike; less: fewer neighbours on curved surfaces, so more noise there",
         set: |s, text| number(&mut s.normal_angle_deg, text, 0.0, 180.0),
         get: |s| text(s.normal_angle_deg),
     },
     Knob {
         key: "reuse.plane",
         values: "0 to 10",
-        help: "how far a neighbour may lie off the tangent plane, as a share of the distance to the camera. More: more \
-               neighbours in depth, less alike. Default 0.02",
+        help: "how far a neighbour may lie off the tangent plane, as a share of the distance to the camera. More: \
+               more neighbours in depth, less alike; less: fewer neighbours on uneven surfaces, so more noise there",
         set: |s, text| number(&mut s.plane_tolerance, text, 0.0, 10.0),
         get: |s| text(s.plane_tolerance),
     },
     Knob {
         key: "reuse.roughness",
         values: "0 to 1",
-        help: "how much the roughness of neighbours may differ. More: more neighbours across materials. Default 0.25",
+        help: "how much the roughness of neighbours may differ. More: more neighbours across materials, less alike; \
+               less: fewer where roughness varies, so more noise there",
         set: |s, text| number(&mut s.roughness_tolerance, text, 0.0, 1.0),
         get: |s| text(s.roughness_tolerance),
     },
@@ -238,7 +263,8 @@ pub const KNOBS: &[Knob] = &[
         key: "reuse.resolution",
         values: "full, checkerboard or half",
         help: "which pixels have reservoirs of full quality; the others offer few candidates of their own and reuse \
-               those. Less: faster, more noise. Default full",
+               those. full: all pixels, the least noise; checkerboard: every second one, faster; half: every fourth \
+               one, the fastest, the most noise",
         set: |s, text| named(&mut s.lattice, text, LATTICES),
         get: |s| name_of(s.lattice, LATTICES),
     },
@@ -246,14 +272,16 @@ pub const KNOBS: &[Knob] = &[
         key: "temporal.cap",
         values: "0 to 1000",
         help: "largest confidence of the frame before, in units of a fresh sample. More: less noise from one frame to \
-               the next, but more of it shared by neighbours, and slower to follow; 0: no history. Default 16",
+               the next, but more of it shared by neighbours, and slower to follow; less: noise that changes from \
+               frame to frame, quick to follow; 0: no history",
         set: |s, text| number(&mut s.confidence_cap, text, 0, 1000),
         get: |s| text(s.confidence_cap),
     },
     Knob {
         key: "temporal.neighbors",
         values: "0 to 6",
-        help: "neighbours in the frame before, beside the pixel itself. More: less noise, more time. Default 3",
+        help: "neighbours in the frame before, beside the pixel itself. More: less noise, more time; less: faster \
+               frames",
         set: |s, text| number(&mut s.temporal_neighbors, text, 0, 6),
         get: |s| text(s.temporal_neighbors),
     },
@@ -261,29 +289,31 @@ pub const KNOBS: &[Knob] = &[
         key: "temporal.neighbors_unseen",
         values: "0 to 12",
         help: "the same where the surface was not seen in the frame before. More: less noise where something has come \
-               into view. Default 6",
+               into view, more time there; less: faster, noise at such places until there is history",
         set: |s, text| number(&mut s.temporal_neighbors_unseen, text, 0, 12),
         get: |s| text(s.temporal_neighbors_unseen),
     },
     Knob {
         key: "spatial.rounds",
         values: "0 to 6",
-        help: "rounds of spatial reuse in a frame of the real-time chain, after reuse in time. Default 0: the neighbours \
-               in the frame before do as well",
+        help: "rounds of spatial reuse in a frame of the real-time chain, after reuse in time. More: less noise a \
+               frame, more time, more noise that neighbours share; less: faster frames; 0: the neighbours in the \
+               frame before do as well",
         set: |s, text| number(&mut s.spatial_rounds, text, 0, MAX_ROUNDS),
         get: |s| text(s.spatial_rounds),
     },
     Knob {
         key: "spatial.neighbors",
         values: "0 to 12",
-        help: "neighbours in each of these rounds. More: less noise, more time. Default 3",
+        help: "neighbours in each of these rounds. More: less noise, more time; less: faster frames",
         set: |s, text| number(&mut s.spatial_neighbors, text, 0, 12),
         get: |s| text(s.spatial_neighbors),
     },
     Knob {
         key: "spatial.neighbors_unseen",
         values: "0 to 12",
-        help: "the same where the surface was not seen in the frame before. Default 6",
+        help: "the same where the surface was not seen in the frame before. More: less noise where something has come \
+               into view, more time there; less: faster, noise at such places",
         set: |s, text| number(&mut s.spatial_neighbors_unseen, text, 0, 12),
         get: |s| text(s.spatial_neighbors_unseen),
     },
@@ -291,59 +321,61 @@ pub const KNOBS: &[Knob] = &[
         key: "still.rounds",
         values: "0 to 6",
         help: "rounds of spatial reuse in each frame of a still. More: less noise a frame, fewer frames in the same \
-               time; 0: no reuse. Default 3",
+               time; less: more frames; 0: no reuse",
         set: |s, text| number(&mut s.still_rounds, text, 0, MAX_ROUNDS),
         get: |s| text(s.still_rounds),
     },
     Knob {
         key: "still.neighbors",
         values: "0 to 12",
-        help: "neighbours in each of these rounds. More: less noise, more time. Default 6",
+        help: "neighbours in each of these rounds. More: less noise, more time; less: faster frames",
         set: |s, text| number(&mut s.still_neighbors, text, 0, 12),
         get: |s| text(s.still_neighbors),
     },
     Knob {
         key: "target.occlusion",
         values: "none or screen",
-        help: "approximate occlusion in the target of candidates. screen: a march through the depth of the picture; \
-               fewer samples that turn out hidden, for some time. Default none",
+        help: "approximate occlusion in the target of candidates. none: no time for it; screen: a march through the \
+               depth of the picture, fewer samples that turn out hidden, for some time",
         set: |s, text| named(&mut s.occlusion, text, OCCLUSIONS),
         get: |s| name_of(s.occlusion, OCCLUSIONS),
     },
     Knob {
         key: "target.occlusion_reach",
         values: "1 to 256",
-        help: "how far that march goes, in pixels. More: finds more, misses more between its steps. Default 24",
+        help: "how far that march goes, in pixels. More: finds more, misses more between its steps; less: finds only \
+               what is close by, but thin things too",
         set: |s, text| number(&mut s.occlusion_reach_px, text, 1.0, 256.0),
         get: |s| text(s.occlusion_reach_px),
     },
     Knob {
         key: "camera.jitter",
         values: "on or off",
-        help: "on: camera rays are spread over the pixel, which smooths edges. off: they go through its center, so that \
-               what differs between pictures is light alone. Default on",
+        help: "camera rays. on: spread over the pixel, which smooths edges; off: through its center, so that what \
+               differs between pictures is light alone",
         set: |s, text| named(&mut s.jitter, text, SWITCH),
         get: |s| name_of(s.jitter, SWITCH),
     },
     Knob {
         key: "path.length",
         values: "1 to 64",
-        help: "surfaces on a path, for `--integrator reference` only: 1 is direct light. More: light that has bounced. \
-               Default 1",
+        help: "surfaces on a path, for `--integrator reference` only: 1 is direct light. More: light that has \
+               bounced, more time and noise; less: darker, faster",
         set: |s, text| number(&mut s.path_length, text, 1, 64),
         get: |s| text(s.path_length),
     },
     Knob {
         key: "scene.time",
         values: "-1000000 to 1000000",
-        help: "the moment of an animated scene, in seconds. Default 0",
+        help: "the moment of an animated scene, in seconds. More: a later one; less: an earlier one",
         set: |s, text| number(&mut s.time_s, text, -1e6, 1e6),
         get: |s| text(s.time_s),
     },
     Knob {
         key: "scene.time_step",
         values: "0 to 1000",
-        help: "seconds from one frame of the real-time chain to the next. Default one sixtieth",
+        help: "seconds from one frame of the real-time chain to the next. More: faster motion, less of the frame \
+               before to reuse; less: slower motion; 0: none",
         set: |s, text| number(&mut s.time_step_s, text, 0.0, 1000.0),
         get: |s| text(s.time_step_s),
     },

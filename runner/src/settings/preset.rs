@@ -9,9 +9,9 @@ use super::{Rays, Settings};
 pub enum Preset {
     /// One shadow ray a pixel.
     Fast,
-    /// At most three.
+    /// One ray by the BSDF; in real time at most three shadow rays.
     Balanced,
-    /// Visibility in the target.
+    /// One ray by the BSDF; visibility in the target of every input.
     Quality,
     /// What the first paper on this used.
     Paper,
