@@ -17,7 +17,10 @@ use weir_shader::wiring::Pass;
 use weir_shared::frame::FramePair;
 use weir_tests::request;
 
-use crate::{scenarios::Scenario, statistics::Ensemble};
+use crate::{
+    scenarios::Scenario,
+    statistics::{Ensemble, TOTALS},
+};
 
 pub const WIDTH: u32 = 32;
 pub const HEIGHT: u32 = 24;
@@ -78,9 +81,9 @@ impl Clip {
         }
     }
 
-    /// The last frames of the chains of the given seeds.
-    pub fn ensemble(&self, seeds: std::ops::Range<u32>) -> Ensemble {
-        let totals = seeds.into_par_iter().map(|seed| {
+    /// The totals of the last frames of the chains of the given seeds, in their order, whichever thread was first.
+    pub fn totals(&self, seeds: std::ops::Range<u32>) -> Vec<[f64; TOTALS]> {
+        let of_chain = |seed| {
             let mut last = Vec::new();
             let frames = (0..self.snapshots.len()).map(|i| (i as u32, i));
             self.run(seed, frames, |color| {
@@ -88,9 +91,8 @@ impl Clip {
                 last.extend_from_slice(color);
             });
             Ensemble::totals(last.iter().map(|c| [c[0], c[1], c[2]].map(f64::from)))
-        });
-        // In the order of the seeds, whichever thread was first.
-        Ensemble::new(&totals.collect::<Vec<_>>())
+        };
+        seeds.into_par_iter().map(of_chain).collect()
     }
 
     /// Independent stills of one seed, `count` of them: red, green and blue of each pixel.

@@ -19,6 +19,7 @@ const FALSE_ALARM: f64 = 1e-4;
 const ONE_SIDED: f64 = 1.645;
 
 /// Mean and variance of the mean of each total.
+#[derive(Clone)]
 pub struct Ensemble {
     mean: [f64; TOTALS],
     variance: [f64; TOTALS],
