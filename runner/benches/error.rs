@@ -1,59 +1,150 @@
-//! Error against time: `cargo bench --bench error -- SCENE [CAMERA.json] [seconds] [knobs ...]`, SCENE a file or a built-in
-//! name. Knobs such as `preset=fast,candidates.count=8` are measured in place of the presets.
+//! Error against time: `cargo bench --bench error -- SCENE [CAMERA.json] [SECONDS] [reference=FILE.exr] [knobs ...]`, SCENE
+//! a file or a built-in name. Knobs such as `preset=fast,candidates.count=8` are measured in place of the presets.
 //!
-//! Stills first: a reference picture by the quality preset, for eight times the seconds and from another seed; then each
-//! method for the given time, one after the other. Then the real-time chain at its steady state, against one frame of
-//! candidates without reuse. All on the CPU, at 320x180, with camera rays through pixel centers, so that what differs is
-//! light alone.
+//! Stills first: each method for the given time, one after the other. Then the real-time chain at its steady state, against
+//! frames without reuse. All on the CPU, at 320x180, with camera rays through pixel centers, so that what differs is light
+//! alone.
+//!
+//! The judge is the reference integrator, which shares neither light sampling nor random numbers with the passes. It is
+//! read from FILE.exr; if there is no such file, it is rendered for eight times the seconds and written there. A longer one
+//! is made by
+//!
+//!     weir render SCENE -o FILE.exr --size 320x180 --set camera.jitter=off --integrator reference --time 3600
+//!
+//! Where that integrator is too noisy, as with millions of lights, `--integrator ris` and many candidates make a judge that
+//! is independent of reuse at least.
 //!
 //! relMSE is the mean over pixels and channels of (x - r)^2 / (r^2 + 0.01 m^2), m the mean of r; the reference's own
-//! variance, as it reports it, is taken off. MAPE is the mean of |x - r| / (r + 0.01 m). N_eff is how many frames of one
-//! candidate by power have the variance of one frame of the method.
+//! variance, as it reports it, is taken off, and printed as a relMSE of its own. MAPE is the mean of |x - r| / (r + 0.01 m).
+//! N_eff is how many frames of one candidate by power have the variance of one frame of the method. The nominal count is
+//! how many candidates have had a say in one frame: those of a reservoir, times the inputs of each merge, one after the
+//! other; what they share is counted again and again.
 
-use std::{path::Path, time::Duration};
+use std::{
+    path::{Path, PathBuf},
+    time::Duration,
+};
 
 use weir::{
     executor::cpu::Order,
-    output::Picture,
+    output::{Destination, Picture, exr},
     packed::PackedScene,
-    render::{Backend, Rendered, Request, Stop, render, render_real_time},
+    render::{Backend, Rendered, Request, Stop, layers, render, render_real_time, render_reference},
     scene::{Camera, builtin, camera, load},
     settings::Settings,
     technique::{Technique, ToneCurve},
 };
 
-/// Without reuse: name, knobs.
+type Failure = Box<dyn std::error::Error>;
+
+/// Without reuse: name, knobs. The times below are against the best of these.
 const WITHOUT: &[(&str, &str)] = &[
     ("power, one candidate", "candidates.count=1,candidates.tree=0,candidates.bsdf=0"),
     ("uniform, one candidate", "candidates.count=1,candidates.tree=0,candidates.bsdf=0,candidates.source=uniform"),
     ("32 candidates, no reuse", "candidates.count=32,candidates.tree=0,candidates.bsdf=0"),
 ];
 
+/// What reuse starts from.
+const OWN_CANDIDATES: (&str, &str) = ("balanced's, no reuse", "preset=balanced");
+
 const PRESETS: &[&str] = &["preset=fast", "preset=balanced", "preset=quality", "preset=paper"];
 
 /// Frames until the chain has forgotten its beginning.
 const CHAIN_FRAMES: u32 = 48;
+
+/// The judge.
+struct Reference {
+    picture: Picture,
+    /// Of the mean.
+    variance: Vec<[f32; 3]>,
+    samples: u32,
+}
 
 struct Errors {
     rel_mse: f64,
     mape: f64,
 }
 
-fn errors(rendered: &Rendered, reference: &Rendered) -> Errors {
-    let (x, r): (&Picture, &Picture) = (&rendered.picture, &reference.picture);
-    let channels = || r.rgb.iter().flatten().map(|&v| f64::from(v));
-    let n = r.rgb.len() as f64 * 3.0;
-    let mean = channels().sum::<f64>() / n;
-    let variance = reference.variance.iter().flatten().map(|&v| f64::from(v));
-    let (mut rel_mse, mut mape) = (0.0, 0.0);
-    for ((x, r), v) in x.rgb.iter().flatten().map(|&v| f64::from(v)).zip(channels()).zip(variance) {
-        rel_mse += ((x - r) * (x - r) - v) / (r * r + 0.01 * mean * mean);
-        mape += (x - r).abs() / (r + 0.01 * mean);
+impl Reference {
+    /// Mean over all values, the unit of the relative measures.
+    fn mean(&self) -> f64 {
+        self.values().sum::<f64>() / self.values().count() as f64
     }
-    Errors { rel_mse: rel_mse / n, mape: mape / n }
+
+    fn values(&self) -> impl Iterator<Item = f64> {
+        self.picture.rgb.iter().flatten().map(|&v| f64::from(v))
+    }
+
+    fn variances(&self) -> impl Iterator<Item = f64> {
+        self.variance.iter().flatten().map(|&v| f64::from(v))
+    }
+
+    /// How far it is from itself: what its variance is as a relMSE.
+    fn rel_mse(&self) -> f64 {
+        let floor = 0.01 * self.mean().powi(2);
+        let sum: f64 = self.values().zip(self.variances()).map(|(r, v)| v / (r * r + floor)).sum();
+        sum / self.values().count() as f64
+    }
+
+    fn errors(&self, rendered: &Rendered) -> Errors {
+        let mean = self.mean();
+        let (mut rel_mse, mut mape, mut n) = (0.0, 0.0, 0.0);
+        let pictures = rendered.picture.rgb.iter().flatten().map(|&v| f64::from(v)).zip(self.values());
+        for ((x, r), v) in pictures.zip(self.variances()) {
+            rel_mse += ((x - r) * (x - r) - v) / (r * r + 0.01 * mean * mean);
+            mape += (x - r).abs() / (r + 0.01 * mean);
+            n += 1.0;
+        }
+        Errors { rel_mse: rel_mse / n, mape: mape / n }
+    }
+
+    fn read(path: &Path) -> Result<Self, Failure> {
+        let (picture, channels) = exr::read(path)?;
+        let lacks = |name: &str| format!("the reference has no channel `{name}`; make it by weir: {}", path.display());
+        let channel = |name: &str| {
+            let found = channels.iter().find(|c| c.name == name).ok_or_else(|| lacks(name))?;
+            Ok::<_, String>(&found.samples)
+        };
+        let float = |name: &str| match channel(name)? {
+            exr::Samples::Float(values) => Ok(values),
+            exr::Samples::Uint(_) => Err(lacks(name)),
+        };
+        let (r, g, b) = (float("Variance.R")?, float("Variance.G")?, float("Variance.B")?);
+        let samples = match channel("samples")? {
+            exr::Samples::Uint(values) => values.first().copied().unwrap_or(0),
+            exr::Samples::Float(_) => return Err(lacks("samples").into()),
+        };
+        let variance = r.iter().zip(g).zip(b).map(|((&r, &g), &b)| [r, g, b]).collect();
+        Ok(Self { picture, variance, samples })
+    }
+
+    /// Read where there is one, else rendered, and written if it has a place.
+    fn get(file: Option<&Path>, packed: &PackedScene, request: &Request) -> Result<Self, Failure> {
+        if let Some(path) = file.filter(|path| path.exists()) {
+            let found = Self::read(path)?;
+            let size = [found.picture.width, found.picture.height];
+            if size != [request.width, request.height] {
+                let [width, height] = size;
+                return Err(format!("the reference is {width}x{height}, not 320x180: {}", path.display()).into());
+            }
+            return Ok(found);
+        }
+        let rendered = render_reference(packed, request, |_| true)?;
+        if let Some(path) = file {
+            let metadata = exr::Metadata {
+                render_time_s: Some(rendered.elapsed.as_secs_f32()),
+                samples_per_pixel: Some(rendered.samples),
+                seed: Some(u64::from(request.seed)),
+                ..exr::Metadata::default()
+            };
+            let destination = Destination::File(path.to_owned());
+            exr::write(&destination, &rendered.picture, &layers(packed, request, &rendered)?, &metadata)?;
+        }
+        Ok(Self { picture: rendered.picture, variance: rendered.variance, samples: rendered.samples })
+    }
 }
 
-fn settings(knobs: &str) -> Result<Settings, Box<dyn std::error::Error>> {
+fn settings(knobs: &str) -> Result<Settings, Failure> {
     let mut settings = Settings::default();
     for knob in knobs.split(',') {
         settings.apply(knob)?;
@@ -63,7 +154,22 @@ fn settings(knobs: &str) -> Result<Settings, Box<dyn std::error::Error>> {
     Ok(settings)
 }
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// The nominal count of a frame, as text.
+fn nominal(settings: &Settings, technique: Technique) -> String {
+    let candidates = u64::from(settings.candidates + technique.bsdf_rays(settings));
+    let neighbors = match technique {
+        Technique::RealTime => settings.spatial_neighbors,
+        Technique::Still | Technique::Candidates => settings.still_neighbors,
+    };
+    let past = match technique {
+        Technique::RealTime => 1 + u64::from(settings.confidence_cap) * u64::from(1 + settings.temporal_neighbors),
+        Technique::Still | Technique::Candidates => 1,
+    };
+    let inputs = past * u64::from(1 + neighbors).pow(technique.rounds(settings));
+    format!("{candidates} x {inputs} = {}", candidates * inputs)
+}
+
+fn main() -> Result<(), Failure> {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
     let name = arguments.first().map_or("rooms", String::as_str);
     let seconds: f64 = arguments.iter().find_map(|a| a.parse().ok()).unwrap_or(10.0);
@@ -76,11 +182,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         (None, Some(camera)) => camera,
         (None, None) => Camera::framing(scene.bounds().ok_or("the scene is empty")?),
     };
-    let given: Vec<&str> = arguments.iter().filter(|a| a.contains('=')).map(String::as_str).collect();
+    let file: Option<PathBuf> = arguments.iter().find_map(|a| a.strip_prefix("reference=")).map(PathBuf::from);
+    let is_knobs = |a: &&String| a.contains('=') && !a.starts_with("reference=");
+    let given: Vec<&str> = arguments.iter().filter(is_knobs).map(String::as_str).collect();
     let methods = if given.is_empty() { PRESETS } else { &given };
     let mut packed = PackedScene::new(&scene, 0.0)?;
     let backend = Backend::Cpu(Order::default());
-    let request = |technique, knobs: &str, seed, stop| -> Result<Request, Box<dyn std::error::Error>> {
+    let request = |technique, knobs: &str, seed, stop| -> Result<Request, Failure> {
         Ok(Request {
             width: 320,
             height: 180,
@@ -95,46 +203,67 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     };
     let limit = |seconds| Stop::Time(Duration::from_secs_f64(seconds));
 
-    let reference = request(Technique::Still, "preset=quality", 99, limit(8.0 * seconds))?;
-    let reference = render(&packed, &reference, &backend, |_| true)?;
-    println!("{name}, 320x180, {} threads; reference of {} frames", rayon::current_num_threads(), reference.samples);
-    println!("{:<26} {:>8} {:>10} {:>10} {:>9} {:>12}", "stills", "frames", "ms/frame", "relMSE", "MAPE", "N_eff");
+    let judge = request(Technique::Candidates, OWN_CANDIDATES.1, 99, limit(8.0 * seconds))?;
+    let judge = Reference::get(file.as_deref(), &packed, &judge)?;
+    println!(
+        "{name}, 320x180, {} threads; reference of {} samples a pixel, its own relMSE {:.5}",
+        rayon::current_num_threads(),
+        judge.samples,
+        judge.rel_mse()
+    );
+    println!("{:<26} {:>8} {:>10} {:>10} {:>9} {:>8}", "stills", "frames", "ms/frame", "relMSE", "MAPE", "N_eff");
     let mut one_candidate = None;
-    let mut best_without = f64::INFINITY;
-    let without = WITHOUT.iter().map(|(name, knobs)| (*name, Technique::Candidates, *knobs));
-    for (method, technique, knobs) in without.chain(methods.iter().map(|m| (*m, Technique::Still, *m))) {
+    let (mut best_without, mut own_candidates) = (f64::INFINITY, f64::INFINITY);
+    let mut still_n_eff = Vec::new();
+    let alone = WITHOUT.iter().chain([&OWN_CANDIDATES]).map(|(name, knobs)| (*name, Technique::Candidates, *knobs));
+    for (method, technique, knobs) in alone.chain(methods.iter().map(|m| (*m, Technique::Still, *m))) {
         let rendered = render(&packed, &request(technique, knobs, 1, limit(seconds))?, &backend, |_| true)?;
-        let Errors { rel_mse, mape } = errors(&rendered, &reference);
+        let Errors { rel_mse, mape } = judge.errors(&rendered);
         let per_frame = rel_mse * f64::from(rendered.samples);
-        let baseline = *one_candidate.get_or_insert(per_frame);
-        let gain = if technique == Technique::Candidates {
-            best_without = rel_mse.min(best_without);
-            String::new()
+        let n_eff = *one_candidate.get_or_insert(per_frame) / per_frame;
+        let mut gain = String::new();
+        if technique == Technique::Still {
+            let (best, own) = (best_without / rel_mse, own_candidates / rel_mse);
+            gain = format!("  {best:.1} times below the best without reuse, {own:.1} below {}", OWN_CANDIDATES.0);
+            still_n_eff.push(n_eff);
+        } else if method == OWN_CANDIDATES.0 {
+            own_candidates = rel_mse;
         } else {
-            format!("  {:.1} times below the best without reuse", best_without / rel_mse)
-        };
+            best_without = rel_mse.min(best_without);
+        }
         println!(
-            "{method:<26} {:>8} {:>10.1} {rel_mse:>10.5} {:>7.2} % {:>12.0}{gain}",
+            "{method:<26} {:>8} {:>10.1} {rel_mse:>10.5} {:>7.2} % {n_eff:>8.0}{gain}",
             rendered.samples,
             rendered.elapsed.as_secs_f64() * 1e3 / f64::from(rendered.samples),
             mape * 100.0,
-            baseline / per_frame
         );
     }
+    let one_candidate = one_candidate.unwrap_or(f64::NAN);
 
-    println!("{:<26} {:>8} {:>10} {:>10} {:>9}", "one frame, real time", "frame", "ms/frame", "relMSE", "MAPE");
-    let alone = request(Technique::Candidates, WITHOUT[2].1, 2, Stop::Samples(1))?;
-    let alone = render(&packed, &alone, &backend, |_| true)?;
+    println!("{:<26} {:>8} {:>10} {:>10} {:>9} {:>8}", "real time", "frame", "ms/frame", "relMSE", "MAPE", "N_eff");
     let show = |label: &str, frames: u32, rendered: &Rendered| {
-        let Errors { rel_mse, mape } = errors(rendered, &reference);
+        let Errors { rel_mse, mape } = judge.errors(rendered);
         let ms = rendered.elapsed.as_secs_f64() * 1e3 / f64::from(frames);
-        println!("{label:<26} {frames:>8} {ms:>10.1} {rel_mse:>10.4} {:>7.2} %", mape * 100.0);
+        let n_eff = one_candidate / rel_mse;
+        println!("{label:<26} {frames:>8} {ms:>10.1} {rel_mse:>10.4} {:>7.2} % {n_eff:>8.0}", mape * 100.0);
+        n_eff
     };
-    show("32 candidates, no reuse", 1, &alone);
+    for (label, knobs) in [WITHOUT[2], OWN_CANDIDATES] {
+        let alone = request(Technique::Candidates, knobs, 2, Stop::Samples(1))?;
+        show(label, 1, &render(&packed, &alone, &backend, |_| true)?);
+    }
+    let mut chain_n_eff = Vec::new();
     for method in methods {
         let request = request(Technique::RealTime, method, 3, Stop::Samples(CHAIN_FRAMES))?;
         let rendered = render_real_time(&mut packed, &request, &backend, |_| true)?;
-        show(method, CHAIN_FRAMES, &rendered);
+        chain_n_eff.push(show(method, CHAIN_FRAMES, &rendered));
+    }
+
+    println!("N_eff of one frame, of the nominal count (candidates x inputs; the keynote's is some 20,000)");
+    for ((method, still), chain) in methods.iter().zip(still_n_eff).zip(chain_n_eff) {
+        let settings = settings(method)?;
+        let [still_count, chain_count] = [Technique::Still, Technique::RealTime].map(|t| nominal(&settings, t));
+        println!("{method:<26} still {still:.0} of {still_count}; real time {chain:.0} of {chain_count}");
     }
     Ok(())
 }
