@@ -309,7 +309,7 @@ fn split(items: &mut [Item]) -> usize {
     let (low, high) = extent(items);
     let size = high - low;
     let longest = size.max_element();
-    if !(longest > 0.0) {
+    if longest <= 0.0 {
         return halve(items);
     }
     let bin_of = |item: &Item, axis: usize| {

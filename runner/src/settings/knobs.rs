@@ -137,9 +137,9 @@ pub const KNOBS: &[Knob] = &[
     Knob {
         key: "candidates.tree",
         values: "0 to 256",
-        help: "candidates that come down a tree over the lights, which knows where they are and where they face. \
-               More: less noise where lights are many and the near ones matter; less: faster frames. Beside them one \
-               or two of `candidates.count` do",
+        help: "how many of these come down a tree over the lights, which knows where they are and where they face; one at \
+               least is left to `candidates.source`. More: less noise where lights are many and the near ones matter; \
+               less: faster frames",
         set: |s, text| number(&mut s.candidates_tree, text, 0, 256),
         get: |s| text(s.candidates_tree),
     },

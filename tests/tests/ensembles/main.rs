@@ -192,13 +192,20 @@ const CHAIN_VARIANTS: &[&[&str]] = &[
     &["rays=balanced", "candidates.full=2"],
     &["rays=balanced", "candidates.source=uniform"],
     &["rays=balanced", "target.occlusion=screen"],
-    // Spatial reuse after reuse in time: 12,288 chains of the last of these three showed +0.14 % +- 0.06 % in the long
-    // version (z = 4.4), of which the cause is not known; the short version does not resolve it.
+    // Spatial reuse after reuse in time. 20,480 chains of the last of these three are within +0.005 % +- 0.057 %.
     &["rays=speed", "spatial.rounds=1"],
     &["rays=balanced", "spatial.rounds=2"],
     &["rays=quality", "spatial.rounds=1", "spatial.neighbors=3"],
     &["rays=quality", "shade.sum=off"],
     &["rays=balanced", "temporal.cap=30"],
+    // Of four candidates, two and none down the light tree; three by default.
+    &["rays=balanced", "candidates.tree=2"],
+    &["rays=speed", "candidates.tree=0"],
+    // Presets as they are, but for candidates: few enough that lights are drawn.
+    &["preset=fast", "candidates.count=4", "reuse.radius=4"],
+    &["preset=balanced", "candidates.count=4", "reuse.radius=4"],
+    &["preset=quality", "candidates.count=4", "reuse.radius=4"],
+    &["preset=paper", "candidates.count=4", "reuse.radius=4"],
 ];
 
 #[test]
