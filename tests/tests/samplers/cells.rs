@@ -91,7 +91,7 @@ impl Bench {
         if light & ENVIRONMENT_BIT != 0 {
             return self.lamp_cells() + (light & !ENVIRONMENT_BIT) as usize;
         }
-        let (u, v) = ((uv & 0xffff) * SIDE >> 16, (uv >> 16) * SIDE >> 16);
+        let (u, v) = (((uv & 0xffff) * SIDE) >> 16, ((uv >> 16) * SIDE) >> 16);
         ((light * SIDE + v) * SIDE + u) as usize
     }
 
