@@ -198,6 +198,19 @@ fn parts(sums: Vec4, total: f32) -> UVec4 {
     UVec4::new(parts.x.to_bits(), parts.y.to_bits(), parts.z.to_bits(), parts.w.to_bits()) - UVec4::splat(first)
 }
 
+/// A field of four children.
+#[inline(always)]
+fn lanes(words: &[u32], node: u32, field: u32) -> Vec4 {
+    // No closure: naga has no structs that hold what one would capture.
+    let at = node + field * WIDTH;
+    Vec4::new(
+        f32::from_bits(load(words, at)),
+        f32::from_bits(load(words, at + 1)),
+        f32::from_bits(load(words, at + 2)),
+        f32::from_bits(load(words, at + 3)),
+    )
+}
+
 /// What the lights of four children may matter to a surface: power / distance², times the cosines at the light and at the
 /// surface. Positive wherever any point of any of the lights reaches the surface, unless that is beyond measure (1e-30).
 ///
@@ -206,28 +219,24 @@ fn parts(sums: Vec4, total: f32) -> UVec4 {
 /// cos a cos o + sin o + r / d.
 #[inline(always)]
 pub fn importances(words: &[u32], node: u32, position: Vec3, normal: Vec3) -> Vec4 {
-    let lanes = |field: u32| {
-        let lane = |i: u32| f32::from_bits(load(words, node + field * WIDTH + i));
-        Vec4::new(lane(0), lane(1), lane(2), lane(3))
-    };
-    let toward_x = lanes(node_field::CENTER) - position.x;
-    let toward_y = lanes(node_field::CENTER + 1) - position.y;
-    let toward_z = lanes(node_field::CENTER + 2) - position.z;
-    let radius = lanes(node_field::RADIUS);
+    let toward_x = lanes(words, node, node_field::CENTER) - position.x;
+    let toward_y = lanes(words, node, node_field::CENTER + 1) - position.y;
+    let toward_z = lanes(words, node, node_field::CENTER + 2) - position.z;
+    let radius = lanes(words, node, node_field::RADIUS);
     let distance2 = toward_x * toward_x + toward_y * toward_y + toward_z * toward_z;
     let near2 = radius * radius;
     let safe2 = distance2.max(Vec4::splat(1e-30));
     let inverse = Vec4::ONE / Vec4::new(sqrt(safe2.x), sqrt(safe2.y), sqrt(safe2.z), sqrt(safe2.w));
     let above = toward_x * normal.x + toward_y * normal.y + toward_z * normal.z;
-    let behind = toward_x * lanes(node_field::AXIS)
-        + toward_y * lanes(node_field::AXIS + 1)
-        + toward_z * lanes(node_field::AXIS + 2);
+    let behind = toward_x * lanes(words, node, node_field::AXIS)
+        + toward_y * lanes(words, node, node_field::AXIS + 1)
+        + toward_z * lanes(words, node, node_field::AXIS + 2);
     let receiving = (above + radius) * inverse;
-    let emitting = (radius - behind) * inverse + lanes(node_field::SIN_SPREAD);
+    let emitting = (radius - behind) * inverse + lanes(words, node, node_field::SIN_SPREAD);
     // Within the sphere anything may be.
     let within = ((near2 - distance2) * 1e30).max(Vec4::ZERO).min(Vec4::ONE);
     let cosines = receiving.max(Vec4::ZERO).min(Vec4::ONE) * emitting.max(Vec4::ZERO).min(Vec4::ONE);
-    let value = lanes(node_field::POWER) * cosines.max(within) / safe2.max(near2);
+    let value = lanes(words, node, node_field::POWER) * cosines.max(within) / safe2.max(near2);
     // The sum of eight is finite. Denormal numbers, which some processors take for zero, are zero on all.
     (value - 1e-30).max(Vec4::ZERO).min(Vec4::splat(1e30))
 }
