@@ -83,8 +83,9 @@ pub struct Rendered {
     pub elapsed: Duration,
     /// Time of each pass in the last frame, where it is known.
     pub pass_times: Vec<(&'static str, Duration)>,
-    /// Samples that were not finite; counted by the reference integrator only.
-    pub dropped: u64,
+    /// Samples that were not finite and count as black. The reference integrator counts them; passes refuse such weights
+    /// where they arise, and count nothing.
+    pub dropped: Option<u64>,
 }
 
 /// Why there is no picture.
@@ -340,7 +341,7 @@ fn picture_of(
         samples,
         elapsed,
         pass_times,
-        dropped: 0,
+        dropped: None,
     })
 }
 
@@ -387,7 +388,7 @@ pub fn render_reference(
         samples,
         elapsed,
         pass_times: Vec::new(),
-        dropped: estimates.iter().map(|e| e.dropped).sum(),
+        dropped: Some(estimates.iter().map(|e| e.dropped).sum()),
     })
 }
 

@@ -7,7 +7,7 @@ use weir_shared::{
     light::{self, Address, ENVIRONMENT_BIT, NO_LIGHT},
     light_tree,
     numerics::{is_finite, load},
-    resample::{Chooser, Stream},
+    resample::{Chooser, Stream, candidate_scale, survivor_scale},
     reservoir::Reservoir,
     reuse::is_on_lattice,
     rng::{Rng, Stage},
@@ -162,7 +162,8 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
             };
             if meets_cheap_target {
                 let target = domain.cheap_target::<ENVIRONMENT>(&point);
-                cheap.offer((id, uv, pmf), target, target / (pmf * (group_end - first) as f32));
+                let density = pmf * (group_end - first) as f32;
+                cheap.offer((id, uv, pmf), target, target * candidate_scale(density));
             } else {
                 let is_pmf_known = is_drawn || is_survivor || is_distant || shares.enumerate;
                 if !is_pmf_known {
@@ -181,9 +182,11 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
                 if frame.occlusion == occlusion::SCREEN && target > 0.0 {
                     target *= screen_occlusion(frame, surfaces, px, domain.position, &point);
                 }
-                // A survivor's weight: the balance weight of the table, its group's share of that, and W.
-                let scale =
-                    if is_survivor { pmf * (group_end - first) as f32 / density * survivor_ucw } else { 1.0 / density };
+                let scale = if is_survivor {
+                    survivor_scale(pmf, (group_end - first) as f32, density, survivor_ucw)
+                } else {
+                    candidate_scale(density)
+                };
                 stream.offer((id, uv), target, target * scale);
             }
         }

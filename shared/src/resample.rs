@@ -241,6 +241,21 @@ impl<R: Real, S: Copy, C: Choose<R>> Stream<R, S, C> {
     }
 }
 
+/// Resampling weight over target of a candidate: one over the balance denominator, the sum of N_t p_t over the
+/// techniques t that can draw it.
+#[inline(always)]
+pub fn candidate_scale<R: Real>(density: R) -> R {
+    R::ONE / density
+}
+
+/// The same for the survivor of a group of `offered` candidates, each drawn with probability `pmf`, that has the
+/// contribution weight `ucw` within its group: the balance weight of its technique is N pmf / `density`, and the group
+/// stands for `offered` / N of that.
+#[inline(always)]
+pub fn survivor_scale<R: Real>(pmf: R, offered: R, density: R, ucw: R) -> R {
+    pmf * offered / density * ucw
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

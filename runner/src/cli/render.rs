@@ -24,7 +24,7 @@ use super::{Arguments, BackendArguments, BackendChoice, Command, Integrator, Ren
 /// The default scene to weir.png.
 pub fn default_scene() -> anyhow::Result<Exit> {
     let arguments =
-        Arguments::parse_from(["weir", "render", "rooms", "-o", "weir.png", "--size", "960x540", "--spp", "16"]);
+        Arguments::parse_from(["weir", "render", "rooms", "-o", "weir.png", "--size", "960x540", "--spp", "4"]);
     match &arguments.command {
         Some(Command::Render(arguments)) => run(arguments),
         _ => unreachable!("the words above are a render command"),
@@ -117,8 +117,8 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
         },
     };
     bar.finish_and_clear();
-    if rendered.dropped > 0 {
-        tracing::warn!("{} samples were not finite and count as black", rendered.dropped);
+    if let Some(dropped @ 1..) = rendered.dropped {
+        tracing::warn!("{dropped} samples were not finite and count as black");
     }
     match format {
         Format::Png => png::write(&destination, request.width, request.height, &rendered.display)?,

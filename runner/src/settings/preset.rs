@@ -45,7 +45,7 @@ impl Preset {
             mis_form: form::PAIRWISE_DEFENSIVE,
             rays: Rays::Balanced,
             sum: true,
-            confidence_cap: 16,
+            confidence_cap: 8,
             temporal_neighbors: 3,
             temporal_neighbors_unseen: 6,
             spatial_rounds: 0,

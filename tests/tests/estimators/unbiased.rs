@@ -6,8 +6,8 @@ use crate::{
     ROUNDING,
     walk::{Enumerating, enumerate},
     world::{
-        Case, Domain, Held, Keeper, LIGHTS, Law, Means, Probe, Rule, Technique, draw, initial, law_of, light_of,
-        merge_held, merged_means,
+        Case, Domain, Held, Keeper, LIGHTS, Law, Means, Probe, Rule, Technique, draw, initial, initial_in_groups,
+        law_of, light_of, merge_held, merged_means,
     },
 };
 
@@ -73,6 +73,35 @@ fn candidates_have_the_reciprocal_of_their_density_for_weight() {
             }
         }
     }
+}
+
+/// Two stages are unbiased if the cheap target is positive where the full one is, whatever the sizes of the groups.
+#[test]
+fn survivors_of_groups_have_the_reciprocal_of_their_density_for_weight() {
+    let first = Technique { count: 3, pmf: [0.1, 0.2, 0.3, 0.4] };
+    let second = Technique { count: 1, pmf: [0.25, 0.0, 0.25, 0.5] };
+    let cheap = [3.0, 0.5, 2.0, 1.0];
+    let mean_ucw = |domain: &Domain, cheap: &[f64; LIGHTS], techniques: &[Technique], groups: &[u32]| {
+        let mut ucw = [0.0; LIGHTS];
+        for (chance, held) in law_of(|walk| initial_in_groups(walk, domain, cheap, techniques, groups, Probe::None)) {
+            ucw[held.light] += chance * held.ucw;
+        }
+        ucw
+    };
+    for here in domains() {
+        for techniques in [&[first] as &[Technique], &[first, second]] {
+            for groups in [&[3u32] as &[u32], &[1, 2], &[2, 1], &[1, 1, 1]] {
+                let ucw = mean_ucw(&here, &cheap, techniques, groups);
+                for (light, ucw) in ucw.into_iter().enumerate() {
+                    let expected = f64::from(u8::from(here.target[light] > 0.0));
+                    assert!((ucw - expected).abs() < ROUNDING, "{groups:?}, light {light}: {ucw}");
+                }
+            }
+        }
+    }
+    // And the test sees a cheap target that misses a light.
+    let [_, missed, ..] = mean_ucw(&domains()[0], &[3.0, 0.0, 2.0, 1.0], &[first], &[1, 2]);
+    assert_eq!(missed, 0.0);
 }
 
 #[test]

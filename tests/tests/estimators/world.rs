@@ -3,7 +3,7 @@
 
 use weir_shared::{
     merge::{Inputs, Merged, Sink, merge},
-    resample::{Choose, Real, Stream},
+    resample::{Choose, Real, Stream, candidate_scale, survivor_scale},
 };
 
 use crate::walk::{Enumerating, Walk, enumerate};
@@ -240,16 +240,62 @@ pub struct Technique {
     pub pmf: [f64; LIGHTS],
 }
 
+/// The balance denominator of a light.
+fn density_of(techniques: &[Technique], light: usize) -> f64 {
+    techniques.iter().map(|t| f64::from(t.count) * t.pmf[light]).sum()
+}
+
 /// Initial candidates: streaming resampling, all techniques with one balance denominator.
 pub fn initial(walk: &Walk, domain: &Domain, techniques: &[Technique], confidence: f64, probe: Probe) -> Held {
     let mut stream = Stream::new(0, Enumerating::new(walk));
     for technique in techniques {
         for _ in 0..technique.count {
             let light = walk.pick(&technique.pmf);
-            let density: f64 = techniques.iter().map(|t| f64::from(t.count) * t.pmf[light]).sum();
-            stream.offer(light, domain.target[light], domain.target[light] / density);
+            let target = domain.target[light];
+            stream.offer(light, target, target * candidate_scale(density_of(techniques, light)));
         }
     }
+    ended(&stream, domain, confidence, probe)
+}
+
+/// The same in two stages: the candidates of the first technique compete in groups of the given sizes by a cheap
+/// target, and only the survivors meet the target of the domain.
+pub fn initial_in_groups(
+    walk: &Walk,
+    domain: &Domain,
+    cheap: &[f64; LIGHTS],
+    techniques: &[Technique],
+    groups: &[u32],
+    probe: Probe,
+) -> Held {
+    assert_eq!(groups.iter().sum::<u32>(), techniques[0].count);
+    let mut stream = Stream::new(0, Enumerating::new(walk));
+    for &offered in groups {
+        let mut group = Stream::new(0, Enumerating::new(walk));
+        for _ in 0..offered {
+            let light = walk.pick(&techniques[0].pmf);
+            let density = techniques[0].pmf[light] * f64::from(offered);
+            group.offer(light, cheap[light], cheap[light] * candidate_scale(density));
+        }
+        let (light, ucw) = (group.kept(), group.contribution_weight());
+        if ucw > 0.0 {
+            let density = density_of(techniques, light);
+            let scale = survivor_scale(techniques[0].pmf[light], f64::from(offered), density, ucw);
+            stream.offer(light, domain.target[light], domain.target[light] * scale);
+        }
+    }
+    for technique in &techniques[1..] {
+        for _ in 0..technique.count {
+            let light = walk.pick(&technique.pmf);
+            let target = domain.target[light];
+            stream.offer(light, target, target * candidate_scale(density_of(techniques, light)));
+        }
+    }
+    ended(&stream, domain, 1.0, probe)
+}
+
+/// The reservoir of a stream, empty if a ray shows that its sample is hidden.
+fn ended(stream: &Stream<f64, usize, Enumerating<'_>>, domain: &Domain, confidence: f64, probe: Probe) -> Held {
     let light = stream.kept();
     let hidden = probe != Probe::None && !domain.visible[light];
     Held { light, ucw: if hidden { 0.0 } else { stream.contribution_weight() }, confidence }
