@@ -9,6 +9,7 @@ mod convergence;
 mod planted;
 mod scenarios;
 mod statistics;
+mod stills;
 
 use std::{collections::BTreeMap, sync::Mutex};
 
@@ -212,14 +213,6 @@ const CHAIN_VARIANTS: &[&[&str]] = &[
 fn every_unbiased_knob_of_the_chain_is_unbiased_where_neighbours_see_different_lights() {
     let bench = Bench::new(scenarios::half_shadowed());
     let wrong: Vec<_> = CHAIN_VARIANTS.iter().filter_map(|knobs| bench.check(Technique::RealTime, knobs)).collect();
-    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
-}
-
-#[test]
-fn stills_with_spatial_reuse_are_unbiased_where_neighbours_see_different_lights() {
-    let bench = Bench::new(scenarios::half_shadowed());
-    let check = |tier: &&str| bench.check(Technique::Still, &[tier, "still.rounds=2"]);
-    let wrong: Vec<_> = TIERS.iter().filter_map(check).collect();
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
