@@ -6,6 +6,7 @@
 
 mod chains;
 mod convergence;
+mod history;
 mod planted;
 mod scenarios;
 mod statistics;

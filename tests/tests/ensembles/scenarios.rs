@@ -10,8 +10,9 @@ use weir_tests::scenes::quad;
 
 use crate::chains::{HEIGHT, WIDTH};
 
-/// Frames of a chain: as many as history is trusted for at the default cap.
-const FRAMES: u32 = 8;
+/// Frames of a chain, of which the last is judged: enough for confidence to reach the default cap, as reservoirs of
+/// several pixels add up. None are needed to forget the first frame, which has the mean that it should have.
+pub const FRAMES: u32 = 8;
 
 /// A scene and the shots of a chain of frames.
 pub struct Scenario {
