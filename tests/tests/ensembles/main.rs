@@ -7,6 +7,7 @@
 mod chains;
 mod convergence;
 mod history;
+mod options;
 mod planted;
 mod scenarios;
 mod statistics;
@@ -191,9 +192,9 @@ const CHAIN_VARIANTS: &[&[&str]] = &[
     &["rays=balanced", "reservoirs.choice=keys"],
     &["rays=balanced", "reuse.resolution=checkerboard"],
     &["rays=quality", "reuse.resolution=half"],
-    &["rays=balanced", "candidates.full=2"],
+    // Groups of those that the light tree leaves.
+    &["rays=balanced", "candidates.full=2", "candidates.tree=0"],
     &["rays=balanced", "candidates.source=uniform"],
-    &["rays=balanced", "target.occlusion=screen"],
     // Spatial reuse after reuse in time. 20,480 chains of the last of these three are within +0.005 % +- 0.057 %.
     &["rays=speed", "spatial.rounds=1"],
     &["rays=balanced", "spatial.rounds=2"],

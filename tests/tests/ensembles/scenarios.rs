@@ -223,6 +223,38 @@ pub fn glossy() -> Scenario {
     scenario
 }
 
+/// A floor seen from above with a broad low wall on it, and a lamp on either side that is lower than the wall, one much
+/// brighter than the other. From above, the depth of the picture tells what hides what.
+pub fn low_wall() -> Scenario {
+    let side = |name: &str, x: f32, toward: Vec3| {
+        quad(name, Vec3::new(x, 0.0, -2.0 * toward.z), Vec3::Y * 0.3, 4.0 * toward, 1)
+    };
+    let scene = Scene {
+        name: "low wall".into(),
+        meshes: vec![
+            quad("floor", Vec3::new(-2.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::NEG_Z * 4.0, 0),
+            side("right face", 0.125, Vec3::Z),
+            side("left face", -0.125, Vec3::NEG_Z),
+            quad("top", Vec3::new(-0.125, 0.3, 2.0), Vec3::X * 0.25, Vec3::NEG_Z * 4.0, 0),
+            // (0, 1, 0) x (0, 0, 1) is +x.
+            quad("bright lamp a", Vec3::new(-1.6, 0.02, -1.0), Vec3::Y * 0.25, Vec3::Z, 2),
+            quad("bright lamp b", Vec3::new(-1.6, 0.02, 0.0), Vec3::Y * 0.25, Vec3::Z, 2),
+            quad("dim lamp a", Vec3::new(1.6, 0.02, 1.0), Vec3::Y * 0.25, Vec3::NEG_Z, 3),
+            quad("dim lamp b", Vec3::new(1.6, 0.02, 0.0), Vec3::Y * 0.25, Vec3::NEG_Z, 3),
+        ],
+        instances: (0..8).map(|mesh| still(mesh, Mat4::IDENTITY)).collect(),
+        materials: vec![
+            gray(Vec3::splat(0.5)),
+            gray(Vec3::splat(0.3)),
+            emitter(Vec3::new(20.0, 15.0, 10.0)),
+            emitter(Vec3::new(4.0, 5.0, 6.0)),
+        ],
+        camera: Some(Camera { origin: Vec3::new(0.0, 5.0, 0.0), target: Vec3::ZERO, up: Vec3::NEG_Z, vfov_deg: 17.0 }),
+        ..Scene::default()
+    };
+    Scenario::standing("low wall", scene)
+}
+
 /// A floor seen from above and parted by a wall seen edge-on: on either side, one lamp that the other side does not
 /// see for the wall, and one that it does not see because that lamp turns its back. To the test of similarity all of
 /// the floor is alike.
