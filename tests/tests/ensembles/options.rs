@@ -159,15 +159,15 @@ fn pixels_off_the_lattice_have_fewer_candidates_and_those_on_it_all() {
     let differing = many.iter().zip(&few).filter(|(a, b)| a != b).count();
     assert!(differing * 10 > many.len() * 8, "only {differing} pixels tell");
     let width = scenario.size[0] as usize;
-    let lattices: [(&str, fn(usize, usize) -> bool); 3] = [
-        ("reuse.resolution=full", |_, _| true),
-        ("reuse.resolution=checkerboard", |x, y| (x + y) % 2 == 0),
-        ("reuse.resolution=half", |x, y| x % 2 == 0 && y % 2 == 0),
-    ];
-    for (knob, is_on) in lattices {
+    let is_on = |knob: &str, x: usize, y: usize| match knob {
+        "reuse.resolution=full" => true,
+        "reuse.resolution=checkerboard" => (x + y).is_multiple_of(2),
+        _ => x.is_multiple_of(2) && y.is_multiple_of(2),
+    };
+    for knob in ["reuse.resolution=full", "reuse.resolution=checkerboard", "reuse.resolution=half"] {
         let thinned = fresh(&["candidates.count=4", "candidates.off_lattice=2", knob]);
         for (i, reservoir) in thinned.iter().enumerate() {
-            let expected = if is_on(i % width, i / width) { &many } else { &few };
+            let expected = if is_on(knob, i % width, i / width) { &many } else { &few };
             assert_eq!(*reservoir, expected[i], "{knob}, pixel ({}, {})", i % width, i / width);
         }
     }

@@ -202,14 +202,17 @@ pub fn flickering() -> Scenario {
     })
 }
 
-/// A sky with a bright patch beside the lamps.
+/// A sky with a bright patch beside the lamps, and candidates drawn from the BSDF: they find only what is visible, so a
+/// chain that knows of no visibility must leave them out or be too dark.
 pub fn environment() -> Scenario {
     let mut scene = room();
     let bright = |i: u32| if i == 10 || i == 11 { 4.0 } else { 0.4 };
     let texels = (0..32).map(|i| [0.5 * bright(i), 0.6 * bright(i), bright(i)]).collect();
     scene.environment =
         Some(Environment { name: "sky".into(), width: 8, height: 4, texels, rotation_deg: 200.0, scale: 1.0 });
-    Scenario::standing("environment", scene)
+    let mut scenario = Scenario::standing("environment", scene);
+    scenario.knobs.push("candidates.bsdf=1");
+    scenario
 }
 
 /// Surfaces with highlights, and candidates drawn from them.

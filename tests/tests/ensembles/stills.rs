@@ -4,7 +4,7 @@ use weir::technique::Technique;
 use weir_shader::wiring::Pass;
 
 use crate::{
-    Bench, TIERS, assert_caught, is_long,
+    Bench, TIERS, is_long,
     planted::{NoBug, NoCanonicalTerm, NullWithoutConfidence, RejectedByContent, VisibilityUnknownToMis, passes_with},
     scenarios::{self, Scenario},
     statistics::{Ensemble, Verdict},
@@ -70,7 +70,7 @@ fn every_bias_planted_in_stills_is_caught() {
     assert!(plain.is_unbiased(), "{plain}");
 
     for tier in TIERS {
-        let caught = |what: &str, passes| assert_caught(&wall, &format!("{what}, {tier}"), &planted(passes, tier));
+        let caught = |what: &str, passes| wall.assert_biased(&format!("{what}, {tier}"), &planted(passes, tier));
         caught("no canonical term", passes_with::<NoCanonicalTerm>());
         caught("rejected by content", passes_with::<RejectedByContent>());
         // Without rays, hardly a reservoir is null, and nothing is hidden.
@@ -81,7 +81,7 @@ fn every_bias_planted_in_stills_is_caught() {
     }
     for knobs in [&["rays=speed", "reuse.mis=1/m"] as &[&str], &["rays=before"], &["rays=both"], &["rays=none"]] {
         let clip = wall.clip(Technique::Still, &[knobs, &[ROUNDS]].concat());
-        assert_caught(&wall, &knobs.join(" "), &clip);
+        wall.assert_biased(&knobs.join(" "), &clip);
     }
 }
 
@@ -91,7 +91,7 @@ fn one_light_of_a_still_that_is_one_percent_brighter_is_caught() {
     let mut bench = Bench::new(scenarios::standing());
     let verdict = |bench: &Bench| {
         let clip = bench.clip(Technique::Still, &["rays=quality", "candidates.count=8", ROUNDS]);
-        Verdict::new(&Ensemble::new(&clip.totals(0..4096)), &bench.judge, 0.005, None)
+        Verdict::new(&Ensemble::new(&clip.totals(0..2048)), &bench.judge, 0.005, None)
     };
     let plain = verdict(&bench);
     println!("planted in stills: nothing | {plain}");
