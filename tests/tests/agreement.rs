@@ -14,6 +14,7 @@ use weir::{
     render::{Request, facts_of, frame_of},
     scene::{Camera, Scene},
     sequence::{Sequence, Shot},
+    settings::KNOBS,
     technique::{Technique, ToneCurve, direct_light},
 };
 use weir_shader::{
@@ -106,8 +107,11 @@ fn cases() -> Vec<Case> {
     vec![
         plain_case(),
         Case::new(&scenes::cornell(), Technique::RealTime, &["rays=quality", "shade.sum=off"]),
-        of_variety(Technique::Candidates, &["candidates.source=uniform", "candidates.count=2"]),
-        of_variety(Technique::Still, &["rays=quality", "candidates.bsdf=1", "reuse.radius=6"]),
+        of_variety(Technique::Candidates, &["candidates.source=uniform", "candidates.count=2", "candidates.bsdf=0"]),
+        of_variety(
+            Technique::Still,
+            &["rays=quality", "candidates.bsdf=1", "reuse.radius=6", "reuse.mis=pairwise", "reuse.resolution=half"],
+        ),
         of_variety(Technique::RealTime, &["candidates.bsdf=1", "candidates.count=2", "target.occlusion=screen"]),
         of_variety(
             Technique::RealTime,
@@ -127,7 +131,25 @@ fn cases() -> Vec<Case> {
             Technique::RealTime,
             &["rays=both", "reuse.mis=balance", "reuse.resolution=checkerboard", "reservoirs.choice=plain"],
         ),
+        of_variety(Technique::Still, &["rays=none", "reuse.mis=1/m", "still.rounds=1", "camera.jitter=off"]),
+        of_variety(
+            Technique::RealTime,
+            &["rays=before", "reuse.mis=contribution", "reuse.resolution=half", "spatial.rounds=1"],
+        ),
     ]
+}
+
+#[test]
+fn every_value_of_every_named_knob_is_in_a_case() {
+    let described: Vec<_> = cases().iter().map(|case| case.request.settings.describe()).collect();
+    // A preset sets other knobs.
+    for knob in KNOBS.iter().filter(|k| k.values.contains(" or ") && k.key != "preset") {
+        // Another name for `speed`.
+        for value in knob.values.split([',', ' ']).filter(|value| !["", "or", "after"].contains(value)) {
+            let has_it = |set: &Vec<(&str, String)>| set.iter().any(|(k, v)| *k == knob.key && v == value);
+            assert!(described.iter().any(has_it), "no case has {}={value}", knob.key);
+        }
+    }
 }
 
 /// Division and square root are exact in software; Vulkan allows hardware to be off by 2.5 units in the last place.

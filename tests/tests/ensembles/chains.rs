@@ -1,5 +1,6 @@
 //! Many chains of frames that differ in their seed alone, and the reference for where they end.
 
+use bytemuck::Pod;
 use rayon::prelude::*;
 use weir::{
     executor::{
@@ -43,6 +44,17 @@ pub struct Clip {
 impl Clip {
     /// The frames of `scenario` by the kernels of `passes`; of a still, only the last of them.
     pub fn new(scenario: &Scenario, passes: &'static [Pass], technique: Technique, knobs: &[&str]) -> Self {
+        Self::showing(&["color"], scenario, passes, technique, knobs)
+    }
+
+    /// The same, of which more than the colour can be seen.
+    pub fn showing(
+        outputs: &[&'static str],
+        scenario: &Scenario,
+        passes: &'static [Pass],
+        technique: Technique,
+        knobs: &[&str],
+    ) -> Self {
         let shots = if technique == Technique::RealTime {
             &scenario.shots[..]
         } else {
@@ -52,7 +64,7 @@ impl Clip {
         let knobs = [&scenario.knobs[..], knobs].concat();
         let request = request(&shots[0].camera, scenario.size, technique, &knobs);
         let facts = facts_of(&packed, scenario.size[0], scenario.size[1], &request.settings);
-        let plan = direct_light_with(passes, technique, &request.settings, &facts, ToneCurve::Clip, &["color"])
+        let plan = direct_light_with(passes, technique, &request.settings, &facts, ToneCurve::Clip, outputs)
             .expect("the frame has a plan");
         let mut sequence = Sequence::new(&mut packed, request);
         let mut snapshots = Vec::new();
@@ -65,8 +77,8 @@ impl Clip {
         Self { packed, plan, snapshots }
     }
 
-    /// Runs a chain; calls `seen` with the colour of every frame.
-    fn run(&self, seed: u32, snapshots: impl Iterator<Item = (u32, usize)>, mut seen: impl FnMut(&[[f32; 4]])) {
+    /// Runs frames, each with its number and that of what it shows; calls `seen` after every one.
+    fn run(&self, seed: u32, snapshots: impl Iterator<Item = (u32, usize)>, mut seen: impl FnMut(&Shown<'_>)) {
         let mut executor = CpuExecutor::new(&self.plan);
         // Chains are what runs in parallel.
         executor.order = Order { band_rows: HEIGHT, backwards: false };
@@ -77,27 +89,51 @@ impl Clip {
             frames.now.index = index;
             let buffers = SceneBuffers { records, bvh, lights, ..self.packed.buffers() };
             executor.run(&self.plan, buffers, &frames);
-            seen(bytemuck::cast_slice(executor.output(&self.plan, "color").expect("the plan has this output")));
+            seen(&Shown { executor: &executor, plan: &self.plan });
         }
     }
 
     /// The totals of the last frames of the chains of the given seeds, in their order, whichever thread was first.
     pub fn totals(&self, seeds: std::ops::Range<u32>) -> Vec<[f64; TOTALS]> {
         let of_chain = |seed| {
-            let mut last = Vec::new();
-            let frames = (0..self.snapshots.len()).map(|i| (i as u32, i));
-            self.run(seed, frames, |color| {
-                last.clear();
-                last.extend_from_slice(color);
+            let (mut totals, mut left) = ([0.0; TOTALS], self.snapshots.len());
+            self.chain(seed, |shown| {
+                left -= 1;
+                if left == 0 {
+                    totals = shown.totals();
+                }
             });
-            Ensemble::totals(last.iter().map(|c| [c[0], c[1], c[2]].map(f64::from)))
+            totals
         };
         seeds.into_par_iter().map(of_chain).collect()
     }
 
+    /// Runs a chain; calls `seen` after every frame.
+    pub fn chain(&self, seed: u32, seen: impl FnMut(&Shown<'_>)) {
+        self.run(seed, (0..self.snapshots.len()).map(|i| (i as u32, i)), seen);
+    }
+
     /// Independent stills of one seed, `count` of them: red, green and blue of each pixel.
     pub fn stills(&self, seed: u32, count: u32, mut seen: impl FnMut(&[[f32; 4]])) {
-        self.run(seed, (0..count).map(|i| (i, 0)), |color| seen(color));
+        self.run(seed, (0..count).map(|i| (i, 0)), |shown| seen(shown.output("color")));
+    }
+}
+
+/// A frame that was computed.
+pub struct Shown<'a> {
+    executor: &'a CpuExecutor,
+    plan: &'a Plan,
+}
+
+impl Shown<'_> {
+    /// One of the outputs that were asked for.
+    pub fn output<T: Pod>(&self, name: &str) -> &[T] {
+        bytemuck::cast_slice(self.executor.output(self.plan, name).expect("the plan has this output"))
+    }
+
+    /// The totals of the picture.
+    pub fn totals(&self) -> [f64; TOTALS] {
+        Ensemble::totals(self.output::<[f32; 4]>("color").iter().map(|c| [c[0], c[1], c[2]].map(f64::from)))
     }
 }
 

@@ -1,4 +1,4 @@
-//! Bugs on purpose: kernels of temporal reuse that see altered inputs, and scenes that say something false.
+//! Bugs on purpose: kernels of reuse that see altered inputs, and scenes that say something false.
 
 use weir_shader::{
     PASSES,
@@ -13,18 +13,35 @@ use weir_shared::{
 
 use crate::chains::{Clip, Snapshot};
 
-/// What temporal reuse is about to read.
+/// What reuse is about to read.
 pub struct Seen<'a> {
     pub frames: &'a mut FramePair,
-    /// The pixel's own reservoirs.
+    /// The pixel's own reservoirs; none where they are read from those of the others.
     own: &'a mut [Reservoir],
-    /// Those of the frame before.
-    past: &'a mut [Reservoir],
-    /// The merge itself, not the shadow rays before it.
-    is_merge: bool,
+    /// Those of the frame before or, within a frame, of the neighbours.
+    others: &'a mut [Reservoir],
+    place: &'static Place,
 }
 
-/// A bug in temporal reuse.
+/// A pass of reuse, and the names of its inputs.
+struct Place {
+    pass: &'static str,
+    own: Option<&'static str>,
+    others: &'static str,
+    /// The merge itself, not the shadow rays before it.
+    is_merge: bool,
+    /// Within a frame, where others are always there.
+    is_spatial: bool,
+}
+
+const PLACES: [Place; 4] = [
+    Place { pass: "temporal", own: Some("fresh"), others: "prev_reservoirs", is_merge: true, is_spatial: false },
+    Place { pass: "temporal_rays", own: Some("fresh"), others: "prev_reservoirs", is_merge: false, is_spatial: false },
+    Place { pass: "spatial", own: Some("marked"), others: "merging", is_merge: true, is_spatial: true },
+    Place { pass: "spatial_rays", own: None, others: "merging", is_merge: false, is_spatial: true },
+];
+
+/// A bug in reuse.
 pub trait Bug {
     fn plant(seen: &mut Seen<'_>);
 }
@@ -36,12 +53,12 @@ impl Bug for NoBug {
     fn plant(_: &mut Seen<'_>) {}
 }
 
-/// The pixel's own sample is lost where there is history, but not its confidence.
+/// The pixel's own sample is lost where there are others, but not its confidence.
 pub struct NoCanonicalTerm;
 
 impl Bug for NoCanonicalTerm {
     fn plant(seen: &mut Seen<'_>) {
-        if seen.frames.now.has_history == 1 {
+        if seen.place.is_spatial || seen.frames.now.has_history == 1 {
             seen.own.iter_mut().for_each(|r| r.ucw = 0.0);
         }
     }
@@ -52,7 +69,7 @@ pub struct NullWithoutConfidence;
 
 impl Bug for NullWithoutConfidence {
     fn plant(seen: &mut Seen<'_>) {
-        seen.past.iter_mut().filter(|r| !r.has_sample()).for_each(|r| *r = Reservoir::EMPTY);
+        seen.others.iter_mut().filter(|r| !r.has_sample()).for_each(|r| *r = Reservoir::EMPTY);
     }
 }
 
@@ -61,13 +78,13 @@ pub struct RejectedByContent;
 
 impl Bug for RejectedByContent {
     fn plant(seen: &mut Seen<'_>) {
-        let mut weights: Vec<f32> = seen.past.iter().map(|r| r.ucw).filter(|&w| w > 0.0).collect();
+        let mut weights: Vec<f32> = seen.others.iter().map(|r| r.ucw).filter(|&w| w > 0.0).collect();
         if weights.is_empty() {
             return;
         }
         let at = weights.len() * 4 / 5;
         let limit = *weights.select_nth_unstable_by(at, f32::total_cmp).1;
-        seen.past.iter_mut().filter(|r| r.ucw > limit).for_each(|r| *r = Reservoir::EMPTY);
+        seen.others.iter_mut().filter(|r| r.ucw > limit).for_each(|r| *r = Reservoir::EMPTY);
     }
 }
 
@@ -88,22 +105,24 @@ pub struct VisibilityUnknownToMis;
 
 impl Bug for VisibilityUnknownToMis {
     fn plant(seen: &mut Seen<'_>) {
-        if seen.is_merge {
+        if seen.place.is_merge {
             seen.own.iter_mut().for_each(|r| r.state &= 0x8000_0000 | MAX_CONFIDENCE);
         }
     }
 }
 
-/// The passes, with `B` in the merge of temporal reuse and in its shadow rays.
+/// The passes, with `B` in the merges of reuse and in their shadow rays.
 pub fn passes_with<B: Bug + 'static>() -> &'static [Pass] {
     let copied = PASSES.iter().map(|pass| Pass {
         name: pass.name,
         extent: pass.extent,
         features: pass.features,
         bindings: pass.bindings,
-        variants: match pass.name {
-            "temporal" => with_runs(pass, runs::<B, true>()),
-            "temporal_rays" => with_runs(pass, runs::<B, false>()),
+        variants: match PLACES.iter().position(|place| place.pass == pass.name) {
+            Some(0) => with_runs(pass, runs::<B, 0>()),
+            Some(1) => with_runs(pass, runs::<B, 1>()),
+            Some(2) => with_runs(pass, runs::<B, 2>()),
+            Some(3) => with_runs(pass, runs::<B, 3>()),
             _ => pass.variants,
         },
     });
@@ -116,33 +135,35 @@ fn with_runs(pass: &Pass, runs: [Kernel; 8]) -> &'static [Variant] {
 }
 
 /// A kernel is a plain function, so there is one for each variant.
-fn runs<B: Bug, const MERGE: bool>() -> [Kernel; 8] {
+fn runs<B: Bug, const PLACE: usize>() -> [Kernel; 8] {
     [
-        altered::<B, MERGE, 0>,
-        altered::<B, MERGE, 1>,
-        altered::<B, MERGE, 2>,
-        altered::<B, MERGE, 3>,
-        altered::<B, MERGE, 4>,
-        altered::<B, MERGE, 5>,
-        altered::<B, MERGE, 6>,
-        altered::<B, MERGE, 7>,
+        altered::<B, PLACE, 0>,
+        altered::<B, PLACE, 1>,
+        altered::<B, PLACE, 2>,
+        altered::<B, PLACE, 3>,
+        altered::<B, PLACE, 4>,
+        altered::<B, PLACE, 5>,
+        altered::<B, PLACE, 6>,
+        altered::<B, PLACE, 7>,
     ]
 }
 
 /// Calls the kernel of variant `VARIANT` with altered copies of the reservoirs.
-fn altered<B: Bug, const MERGE: bool, const VARIANT: usize>(frames: &FramePair, band: Band, mut buffers: Buffers) {
-    let name = if MERGE { "temporal" } else { "temporal_rays" };
-    let pass = PASSES.iter().find(|p| p.name == name).expect("the pass is in the table");
+fn altered<B: Bug, const PLACE: usize, const VARIANT: usize>(frames: &FramePair, band: Band, mut buffers: Buffers) {
+    let place = &PLACES[PLACE];
+    let pass = PASSES.iter().find(|p| p.name == place.pass).expect("the pass is in the table");
     let inputs: Vec<_> = pass.bindings.iter().filter(|b| b.access == Access::Read).collect();
     let mut reads: Vec<&[u8]> = inputs.iter().map(|_| buffers.read::<u8>()).collect();
     let mut writes: Vec<&mut [u8]> = (inputs.len()..pass.bindings.len()).map(|_| buffers.write::<u8>()).collect();
-    let place = |name: &str| inputs.iter().position(|b| b.name == name).expect("the pass has this input");
-    let (own_at, past_at) = (place("fresh"), place("prev_reservoirs"));
+    let find = |name: &str| inputs.iter().position(|b| b.name == name).expect("the pass has this input");
+    let (own_at, others_at) = (place.own.map(find), find(place.others));
     let copied = |at: usize| bytemuck::cast_slice::<u8, Reservoir>(reads[at]).to_vec();
-    let (mut frames, mut own, mut past) = (*frames, copied(own_at), copied(past_at));
-    B::plant(&mut Seen { frames: &mut frames, own: &mut own, past: &mut past, is_merge: MERGE });
-    reads[own_at] = bytemuck::cast_slice(&own);
-    reads[past_at] = bytemuck::cast_slice(&past);
+    let (mut frames, mut own, mut others) = (*frames, own_at.map_or_else(Vec::new, copied), copied(others_at));
+    B::plant(&mut Seen { frames: &mut frames, own: &mut own, others: &mut others, place });
+    if let Some(at) = own_at {
+        reads[at] = bytemuck::cast_slice(&own);
+    }
+    reads[others_at] = bytemuck::cast_slice(&others);
     (pass.variants[VARIANT].run)(&frames, band, Buffers::new(&reads, &mut writes));
 }
 

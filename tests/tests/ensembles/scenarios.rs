@@ -10,8 +10,9 @@ use weir_tests::scenes::quad;
 
 use crate::chains::{HEIGHT, WIDTH};
 
-/// Frames of a chain: as many as history is trusted for at the default cap.
-const FRAMES: u32 = 8;
+/// Frames of a chain, of which the last is judged: enough for confidence to reach the default cap, as reservoirs of
+/// several pixels add up. None are needed to forget the first frame, which has the mean that it should have.
+pub const FRAMES: u32 = 8;
 
 /// A scene and the shots of a chain of frames.
 pub struct Scenario {
@@ -201,14 +202,17 @@ pub fn flickering() -> Scenario {
     })
 }
 
-/// A sky with a bright patch beside the lamps.
+/// A sky with a bright patch beside the lamps, and candidates drawn from the BSDF: they find only what is visible, so a
+/// chain that knows of no visibility must leave them out or be too dark.
 pub fn environment() -> Scenario {
     let mut scene = room();
     let bright = |i: u32| if i == 10 || i == 11 { 4.0 } else { 0.4 };
     let texels = (0..32).map(|i| [0.5 * bright(i), 0.6 * bright(i), bright(i)]).collect();
     scene.environment =
         Some(Environment { name: "sky".into(), width: 8, height: 4, texels, rotation_deg: 200.0, scale: 1.0 });
-    Scenario::standing("environment", scene)
+    let mut scenario = Scenario::standing("environment", scene);
+    scenario.knobs.push("candidates.bsdf=1");
+    scenario
 }
 
 /// Surfaces with highlights, and candidates drawn from them.
@@ -220,6 +224,38 @@ pub fn glossy() -> Scenario {
     let mut scenario = Scenario::standing("glossy", scene);
     scenario.knobs.push("candidates.bsdf=1");
     scenario
+}
+
+/// A floor seen from above with a broad low wall on it, and a lamp on either side that is lower than the wall, one much
+/// brighter than the other. From above, the depth of the picture tells what hides what.
+pub fn low_wall() -> Scenario {
+    let side = |name: &str, x: f32, toward: Vec3| {
+        quad(name, Vec3::new(x, 0.0, -2.0 * toward.z), Vec3::Y * 0.3, 4.0 * toward, 1)
+    };
+    let scene = Scene {
+        name: "low wall".into(),
+        meshes: vec![
+            quad("floor", Vec3::new(-2.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::NEG_Z * 4.0, 0),
+            side("right face", 0.125, Vec3::Z),
+            side("left face", -0.125, Vec3::NEG_Z),
+            quad("top", Vec3::new(-0.125, 0.3, 2.0), Vec3::X * 0.25, Vec3::NEG_Z * 4.0, 0),
+            // (0, 1, 0) x (0, 0, 1) is +x.
+            quad("bright lamp a", Vec3::new(-1.6, 0.02, -1.0), Vec3::Y * 0.25, Vec3::Z, 2),
+            quad("bright lamp b", Vec3::new(-1.6, 0.02, 0.0), Vec3::Y * 0.25, Vec3::Z, 2),
+            quad("dim lamp a", Vec3::new(1.6, 0.02, 1.0), Vec3::Y * 0.25, Vec3::NEG_Z, 3),
+            quad("dim lamp b", Vec3::new(1.6, 0.02, 0.0), Vec3::Y * 0.25, Vec3::NEG_Z, 3),
+        ],
+        instances: (0..8).map(|mesh| still(mesh, Mat4::IDENTITY)).collect(),
+        materials: vec![
+            gray(Vec3::splat(0.5)),
+            gray(Vec3::splat(0.3)),
+            emitter(Vec3::new(20.0, 15.0, 10.0)),
+            emitter(Vec3::new(4.0, 5.0, 6.0)),
+        ],
+        camera: Some(Camera { origin: Vec3::new(0.0, 5.0, 0.0), target: Vec3::ZERO, up: Vec3::NEG_Z, vfov_deg: 17.0 }),
+        ..Scene::default()
+    };
+    Scenario::standing("low wall", scene)
 }
 
 /// A floor seen from above and parted by a wall seen edge-on: on either side, one lamp that the other side does not
@@ -262,10 +298,7 @@ pub fn half_shadowed() -> Scenario {
     scenario
 }
 
-/// A small picture of the room with one lamp: nothing but its shadow is noisy, so a reference without noise is cheap.
-pub fn one_lamp() -> Scenario {
-    let mut scene = room();
-    scene.instances.truncate(LAMPS[1] as usize);
-    scene.instances[LAMPS[0] as usize].world_from_object = lamp_at(-0.4, 2.5, 0.4, 0.5);
-    Scenario { size: [16, 12], ..Scenario::standing("one lamp", scene) }
+/// The same in a picture so small that each pixel is a neighbour of pixels in another light.
+pub fn small_half_shadowed() -> Scenario {
+    Scenario { name: "small half shadowed", size: [16, 12], ..half_shadowed() }
 }

@@ -60,3 +60,46 @@ fn no_pixel_of_a_wide_disk_is_chosen_twice() {
         assert!((1..found.len()).all(|i| !found[..i].contains(&found[i])), "stream {stream}: {found:?}");
     }
 }
+
+/// Mean distance of the neighbours of a pixel, in world space, and the mean angle between normals in degrees.
+fn mean_differences(frame: &Frame, surfaces: &[Surface]) -> [f32; 2] {
+    const STREAMS: u32 = 2_000;
+    let own = surfaces[frame.index_of(OWN) as usize];
+    let found = (0..STREAMS).flat_map(|stream| chosen(frame, surfaces, stream, 4));
+    let (mut sums, mut count) = ([0.0; 2], 0.0);
+    for there in found.map(|px| surfaces[frame.index_of(px) as usize]) {
+        let cosine = own.normal_geometric().dot(there.normal_geometric());
+        sums[0] += (there.position() - own.position()).length();
+        sums[1] += cosine.clamp(-1.0, 1.0).acos().to_degrees();
+        count += 1.0;
+    }
+    assert!(count > 3.9 * STREAMS as f32, "{count} neighbours");
+    sums.map(|sum| sum / count)
+}
+
+#[test]
+fn compatible_neighbours_are_closer_than_those_of_a_disk() {
+    for (spacing, least, most) in [(0.4, 0.2, 0.75), (1e-4, 0.98, 1.02)] {
+        let (compatible, surfaces) = plane(15.0, spacing);
+        let disk = Frame { neighbor_rule: rule::DISK, ..compatible };
+        let [[near, _], [far, _]] = [&compatible, &disk].map(|frame| mean_differences(frame, &surfaces));
+        println!("pixels {spacing} apart: {near} for compatible neighbours, {far} in the disk");
+        // Where all are next to each other, the rules draw alike.
+        assert!((least..most).contains(&(near / far)), "{near} of {far}");
+    }
+}
+
+/// Normals turn from column to column, by less than what makes a neighbour dissimilar.
+#[test]
+fn compatible_neighbours_face_the_same_way_more_than_those_of_a_disk() {
+    let (compatible, mut surfaces) = plane(15.0, 1e-4);
+    let compatible = Frame { normal_cosine: 0.2, ..compatible };
+    for (i, surface) in (0..).zip(&mut surfaces) {
+        let angle = ((i % SIDE) as f32 - OWN.x as f32).to_radians() * 4.0;
+        surface.normal_geometric = octahedral::pack(Vec3::new(angle.sin(), 0.0, angle.cos()));
+    }
+    let disk = Frame { neighbor_rule: rule::DISK, ..compatible };
+    let [[_, alike], [_, unlike]] = [&compatible, &disk].map(|frame| mean_differences(frame, &surfaces));
+    println!("{alike} degrees for compatible neighbours, {unlike} in the disk");
+    assert!(alike < 0.8 * unlike, "{alike} of {unlike}");
+}

@@ -8,7 +8,9 @@ use crate::{
     ROUNDING,
     unbiased::{ALL, domains, fresh},
     walk::{Enumerating, Walk},
-    world::{Case, Domain, Held, Keeper, Law, Means, Outcome, Probe, Rule, Sample, draw, draw_partner, run},
+    world::{
+        Case, Domain, Held, Keeper, Law, Means, Outcome, Probe, Rule, Sample, draw, draw_partner, merge_held, run,
+    },
 };
 
 /// A mistake.
@@ -114,6 +116,45 @@ fn assert_caught(bug: Bug, probe: Probe) {
         assert!(honest < ROUNDING, "{rule:?}: {honest}");
         assert!(planted > 1e-2, "{bug:?} went unnoticed with {rule:?}: {planted}");
     }
+}
+
+/// Error after two rounds of reuse within a frame, the second with the mistake. In the first, two pixels have each
+/// other for neighbours, and a third one has none: what a round has left is what the next one weighs.
+fn error_of_a_second_round(bug: Bug, rule: &Rule) -> f64 {
+    let (domains, laws) = (domains(), laws(rule.probe));
+    let (here, there) = ([domains[0], domains[1]], [domains[1], domains[0]]);
+    let means = Means::of(|walk| {
+        let first = [0, 1, 2].map(|i| draw(walk, &laws[i]));
+        let own = merge_held(walk, &here, &first[..2], rule).held;
+        let held = [own, merge_held(walk, &there, &[first[1], first[0]], rule).held, first[2]];
+        let case = Case { domains: &domains, held: &held, probe: rule.probe, partner: draw_partner(walk, &held, rule) };
+        run(walk, &Planted { case, bug, asked: Default::default() }, &domains[0], rule)
+    });
+    means.error(&domains[0], rule, ALL)
+}
+
+#[test]
+fn mistakes_in_a_second_round_within_a_frame_are_caught() {
+    for (bug, probes) in [
+        // With rays to all samples, what a pixel has while a neighbour of this world has nothing is what that neighbour
+        // cannot have: its confidence makes no difference.
+        (Bug::NullsLoseConfidence, &[Probe::None, Probe::One] as &[Probe]),
+        (Bug::HiddenSamplesCountElsewhere, &[Probe::One, Probe::All]),
+        (Bug::WeakSamplesAreRejected, &[Probe::None, Probe::One, Probe::All]),
+        (Bug::OtherLightsForTheNeighbors, &[Probe::None]),
+    ] {
+        for rule in probes.iter().flat_map(|&probe| rules(probe)) {
+            // Balance weights with altered targets are those of another world, and as good.
+            if bug == Bug::OtherLightsForTheNeighbors && rule.form == form::BALANCE {
+                continue;
+            }
+            let (honest, planted) = (error_of_a_second_round(Bug::None, &rule), error_of_a_second_round(bug, &rule));
+            assert!(honest < ROUNDING, "{rule:?}: {honest}");
+            assert!(planted > 1e-4, "{bug:?} went unnoticed with {rule:?}: {planted}");
+        }
+    }
+    let one_over_m = Rule { form: form::ONE_OVER_M, partner: false, probe: Probe::None };
+    assert!(error_of_a_second_round(Bug::None, &one_over_m) > 0.1);
 }
 
 #[test]
