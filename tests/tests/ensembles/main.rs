@@ -296,7 +296,7 @@ fn slope_of_stills(reference: &[Estimate], seeds: u32, knobs: &[&str]) -> f64 {
 #[test]
 fn the_squared_error_of_stills_falls_with_their_number_unless_reuse_is_biased() {
     const BOUND: f64 = 0.05;
-    let (seeds, samples) = if is_long() { (32, 1 << 20) } else { (2, 1 << 16) };
+    let (seeds, samples) = if is_long() { (32, 1 << 20) } else { (4, 1 << 18) };
     let reference = judge(&scenarios::small_half_shadowed(), samples);
     for tier in TIERS {
         let slope = slope_of_stills(&reference, seeds, &[tier]);
