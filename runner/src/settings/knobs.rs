@@ -337,7 +337,8 @@ pub const KNOBS: &[Knob] = &[
         key: "target.occlusion",
         values: "none or screen",
         help: "approximate occlusion in the target of candidates. none: no time for it; screen: a march through the \
-               depth of the picture, fewer samples that turn out hidden, for some time",
+               depth of the picture, fewer samples that turn out hidden, for some time; more noise where light passes \
+               behind what is seen",
         set: |s, text| named(&mut s.occlusion, text, OCCLUSIONS),
         get: |s| name_of(s.occlusion, OCCLUSIONS),
     },
