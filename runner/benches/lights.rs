@@ -84,6 +84,8 @@ struct Chain<'a> {
     frames: Frames<'a>,
     count: u32,
     times: Vec<Duration>,
+    /// Of each frame, the time of each pass in the order of the plan.
+    passes: Vec<Vec<(&'static str, Duration)>>,
 }
 
 impl<'a> Chain<'a> {
@@ -97,34 +99,50 @@ impl<'a> Chain<'a> {
             let first = frame_of(packed, request);
             Frames::Still(packed, first)
         };
-        Ok(Self { executor: CpuExecutor::new(&plan), plan, frames, count: 0, times: Vec::new() })
+        Ok(Self { executor: CpuExecutor::new(&plan), plan, frames, count: 0, times: Vec::new(), passes: Vec::new() })
     }
 
     /// One frame more.
     fn step(&mut self) -> Result<(), Failure> {
         let start = Instant::now();
-        match &mut self.frames {
+        let passes = match &mut self.frames {
             Frames::Still(packed, frame) => {
-                self.executor.run(&self.plan, packed.buffers(), &FramePair { now: *frame, prev: *frame });
+                let passes = self.executor.run(&self.plan, packed.buffers(), &FramePair { now: *frame, prev: *frame });
                 frame.index += 1;
                 frame.accumulated += 1;
+                passes
             }
             Frames::RealTime(sequence) => {
                 let shot = sequence.shot(self.count);
                 let (frames, _) = sequence.next(&shot)?;
-                self.executor.run(&self.plan, sequence.packed().buffers(), &frames);
+                self.executor.run(&self.plan, sequence.packed().buffers(), &frames)
             }
-        }
+        };
         self.times.push(start.elapsed());
+        self.passes.push(passes);
         self.count += 1;
         Ok(())
     }
 
     /// Median of the frames that count, in milliseconds.
     fn median_ms(&self) -> f64 {
-        let mut times: Vec<f64> = self.times[WARM_UP..].iter().map(|t| t.as_secs_f64() * 1e3).collect();
-        times.sort_by(f64::total_cmp);
-        times[times.len() / 2]
+        median_ms(self.times[WARM_UP..].iter().copied())
+    }
+
+    /// The passes of a frame, each with the median of its times in milliseconds; those that run several times as one.
+    fn passes_ms(&self) -> Vec<(&'static str, f64)> {
+        let mut names: Vec<&'static str> = Vec::new();
+        for (name, _) in &self.passes[0] {
+            if !names.contains(name) {
+                names.push(name);
+            }
+        }
+        let of =
+            |name: &str, frame: &[(&'static str, Duration)]| frame.iter().filter(|p| p.0 == name).map(|p| p.1).sum();
+        names
+            .iter()
+            .map(|name| (*name, median_ms(self.passes[WARM_UP..].iter().map(|frame| of(name, frame)))))
+            .collect()
     }
 
     /// Share of the pixels of the last picture that are not black.
@@ -133,6 +151,13 @@ impl<'a> Chain<'a> {
         let moments: &[Moments] = bytemuck::cast_slice(bytes);
         moments.iter().filter(|m| m.mean() != Vec3::ZERO).count() as f64 / moments.len() as f64
     }
+}
+
+/// In milliseconds.
+fn median_ms(times: impl Iterator<Item = Duration>) -> f64 {
+    let mut times: Vec<f64> = times.map(|t| t.as_secs_f64() * 1e3).collect();
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
 }
 
 fn main() -> Result<(), Failure> {
@@ -169,6 +194,9 @@ fn main() -> Result<(), Failure> {
             shares[0],
             shares[1]
         );
+        for ((name, a), (_, b)) in many.passes_ms().into_iter().zip(few.passes_ms()) {
+            println!("  {name:<19} {a:>10.1} {:>10} {b:>10.1} {:>6.3}", "", a / b);
+        }
     }
     Ok(())
 }
