@@ -34,9 +34,9 @@ impl Preset {
     /// Its settings.
     pub fn settings(self) -> Settings {
         let balanced = Settings {
-            candidates: 8,
+            candidates: 4,
             pick_by_power: true,
-            candidates_tree: 6,
+            candidates_tree: 3,
             candidates_bsdf: 1,
             candidates_full: 0,
             candidates_off_lattice: 2,
@@ -71,7 +71,14 @@ impl Preset {
             Self::Fast => {
                 Settings { rays: Rays::Speed, candidates_bsdf: 0, temporal_neighbors: 1, still_rounds: 1, ..balanced }
             }
-            Self::Quality => Settings { rays: Rays::Quality, spatial_rounds: 1, still_rounds: 2, ..balanced },
+            Self::Quality => Settings {
+                candidates: 8,
+                candidates_tree: 6,
+                rays: Rays::Quality,
+                spatial_rounds: 1,
+                still_rounds: 2,
+                ..balanced
+            },
             // Section 5 there, unbiased: 32 candidates, one round of three neighbours within 30 pixels, a history of
             // twenty frames, no neighbours in the frame before.
             Self::Paper => Settings {
