@@ -1,7 +1,7 @@
 //! Rays a second of the host's traversal: `cargo bench --bench rays -- SCENE.obj [camera.json]`, or a built-in name.
 //!
 //! Closest hits of camera rays, closest hits of cosine-distributed rays from what those found, and shadow rays from
-//! there to points of lights picked by power. Single rays, in the order of the pixels, on all threads of the pool
+//! there to points of lights picked by power. Single rays, in tiles of 8x8 pixels, on all threads of the pool
 //! (RAYON_NUM_THREADS sets how many). Prints the median of nine runs of each.
 
 use std::{path::Path, time::Instant};

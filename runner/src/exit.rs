@@ -130,28 +130,6 @@ impl HasExit for Usage {
     }
 }
 
-/// The exit codes of `weir compare`: those of OpenImageIO's `idiff`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u8)]
-pub enum CompareExit {
-    /// The images match within all thresholds.
-    Match = 0,
-    /// They match within the failure thresholds, but not within those that warn.
-    Warning = 1,
-    /// They differ by more than the failure thresholds.
-    Fail = 2,
-    /// Their sizes differ.
-    SizeDiffers = 3,
-    /// A file cannot be read.
-    FileError = 4,
-}
-
-impl From<CompareExit> for ExitCode {
-    fn from(exit: CompareExit) -> Self {
-        Self::from(exit as u8)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -266,6 +266,24 @@ fn a_limit_of_time_ends_the_picture() {
     assert_eq!(png_size(&desk.picture("p.png")), (32, 18));
 }
 
+/// What there is by then is saved, whole.
+#[cfg(unix)]
+#[test]
+fn an_interrupted_picture_is_saved() {
+    for (signal, exit) in [("-INT", Exit::Interrupted), ("-TERM", Exit::Terminated)] {
+        let desk = Desk::new();
+        let mut command = Command::new(env!("CARGO_BIN_EXE_weir"));
+        command.args("render cornell --backend cpu --size 32x18 --time 600 -o p.png".split_whitespace());
+        let mut child = command.current_dir(desk.folder.path()).spawn().expect("the binary starts");
+        std::thread::sleep(std::time::Duration::from_secs(3));
+        let sent = Command::new("kill").args([signal, &child.id().to_string()]).status().expect("there is `kill`");
+        assert!(sent.success());
+        let status = child.wait().expect("it ends");
+        assert_eq!(status.code(), Some(i32::from(exit.code())));
+        assert_eq!(png_size(&desk.picture("p.png")), (32, 18));
+    }
+}
+
 #[test]
 fn an_exr_file_has_layers() {
     let desk = Desk::new();
@@ -298,6 +316,17 @@ fn an_exported_scene_renders_as_the_built_in_one() {
     desk.render("out/cornell.obj --camera out/cornell-camera.json --spp 64 -o theirs.exr").ends(Exit::Ok);
     let (ours, theirs) = (mean(&desk.path("ours.exr")), mean(&desk.path("theirs.exr")));
     assert!(ours > 0.0 && (theirs / ours - 1.0).abs() < 0.02, "{ours} and {theirs}");
+}
+
+#[test]
+fn an_export_has_the_camera_that_was_asked_for_or_one_that_sees_the_scene() {
+    let camera = r#"{"origin": [0, 0, 7], "target": [0, 0, 0], "up": [0, 1, 0], "vfov_deg": 31}"#;
+    let desk = Desk::new().with("t.obj", TRIANGLE).with("c.json", camera);
+    desk.weir("export t.obj asked --camera c.json").ends(Exit::Ok);
+    let asked = fs::read_to_string(desk.path("asked/t-camera.json")).expect("a camera");
+    assert!(asked.contains("7.0") && asked.contains("31.0"), "{asked}");
+    desk.weir("export t.obj framed").ends(Exit::Ok);
+    desk.render("framed/t.obj --camera framed/t-camera.json -o p.png").ends(Exit::Ok);
 }
 
 #[test]

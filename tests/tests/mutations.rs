@@ -1,4 +1,4 @@
-//! Real and crafted files, changed at random: nothing panics, and memory stays in proportion.
+//! Files of `tests/corpus` and images made here, changed at random: nothing panics, and memory stays in proportion.
 //!
 //! Runs a fixed number of changes, the same each time; `WEIR_FUZZ_SECONDS=600` runs for as long as that instead. A failure
 //! writes the files to the temporary folder and says where.

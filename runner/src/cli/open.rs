@@ -75,20 +75,22 @@ pub fn read(arguments: &SceneArguments) -> anyhow::Result<(Scene, Settings)> {
     Ok((scene, settings))
 }
 
+/// The camera of `--camera`, or else the scene's, or else one that sees all of it.
+pub fn camera_of(arguments: &SceneArguments, scene: &Scene) -> Result<Camera, SceneError> {
+    match (&arguments.camera, scene.camera) {
+        (Some(path), _) => camera::load(path),
+        (None, Some(camera)) => Ok(camera),
+        (None, None) => scene
+            .bounds()
+            .map(Camera::framing)
+            .ok_or_else(|| SceneError::bad_data(Place::new(&scene.name, 0), "the scene is empty", "add a triangle")),
+    }
+}
+
 /// [`read`], then packs the scene and settles on a camera.
 pub fn open(arguments: &SceneArguments) -> anyhow::Result<Opened> {
     let (scene, settings) = read(arguments)?;
-    let camera = match (&arguments.camera, scene.camera) {
-        (Some(path), _) => camera::load(path)?,
-        (None, Some(camera)) => camera,
-        (None, None) => match scene.bounds() {
-            Some(bounds) => Camera::framing(bounds),
-            None => {
-                let place = Place::new(&scene.name, 0);
-                return Err(SceneError::bad_data(place, "the scene is empty", "add a triangle").into());
-            }
-        },
-    };
+    let camera = camera_of(arguments, &scene)?;
     let start = Instant::now();
     let packed = PackedScene::new(&scene, settings.time_s)?;
     if packed.has().is_empty() {

@@ -3,11 +3,19 @@
 use std::{
     io::IsTerminal,
     path::{Path, PathBuf},
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicUsize, Ordering},
+    },
     time::Duration,
 };
 
-use clap::Parser;
+use clap::{Parser, ValueEnum};
 use indicatif::{ProgressBar, ProgressStyle};
+use signal_hook::{
+    consts::{SIGINT, SIGTERM},
+    flag,
+};
 use weir::{
     executor::{
         cpu::Order,
@@ -90,13 +98,14 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
         technique: arguments.integrator.technique().unwrap_or(Technique::Candidates),
         settings: opened.settings.clone(),
     };
+    let interruption = Interruption::listen()?;
     let bar = progress_bar(stop);
     let tell = |samples: u32| {
         match stop {
             Stop::Samples(_) => bar.set_position(u64::from(samples)),
             Stop::Time(_) => bar.set_position(bar.elapsed().as_millis() as u64),
         }
-        true
+        interruption.of().is_none()
     };
     let gpu = if arguments.integrator == Integrator::Reference { None } else { choose_gpu(&arguments.backend)? };
     let adapter = gpu.as_ref().map_or_else(|| String::from("CPU"), |gpu| gpu.facts.name.clone());
@@ -140,7 +149,30 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
     if arguments.output != Path::new("-") {
         super::print(&format!("{}\n", shown(&arguments.output).display()))?;
     }
-    Ok(Exit::Ok)
+    Ok(interruption.of().unwrap_or(Exit::Ok))
+}
+
+/// Whether someone wants the picture now: the first SIGINT or SIGTERM ends rendering after the current frame, the second
+/// the process.
+struct Interruption(Arc<AtomicUsize>);
+
+impl Interruption {
+    fn listen() -> std::io::Result<Self> {
+        let (signal, again) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicBool::new(false)));
+        for (number, exit) in [(SIGINT, Exit::Interrupted), (SIGTERM, Exit::Terminated)] {
+            // In this order: the first signal arms what the second one meets.
+            flag::register_conditional_shutdown(number, i32::from(exit.code()), Arc::clone(&again))?;
+            flag::register(number, Arc::clone(&again))?;
+            flag::register_usize(number, Arc::clone(&signal), usize::from(exit.code()))?;
+        }
+        Ok(Self(signal))
+    }
+
+    /// How the process has to end then, once the picture is saved.
+    fn of(&self) -> Option<Exit> {
+        let code = self.0.load(Ordering::Relaxed);
+        [Exit::Interrupted, Exit::Terminated].into_iter().find(|exit| usize::from(exit.code()) == code)
+    }
 }
 
 /// The path of a result as a person can find it.
@@ -168,6 +200,11 @@ fn print_passes(rendered: &Rendered) {
     eprintln!("{:<20} {:>9.3} ms (last frame)", "all passes", total.as_secs_f64() * 1e3);
 }
 
+/// A value as the command line takes it.
+fn word(value: impl ValueEnum) -> Option<String> {
+    value.to_possible_value().map(|value| value.get_name().to_owned())
+}
+
 fn write_exr(
     destination: &Destination,
     arguments: &RenderArguments,
@@ -179,7 +216,13 @@ fn write_exr(
     let (camera_from_world, ndc_from_world) = camera_matrices(&request.camera, request.width, request.height);
     let settings = serde_json::json!({
         "scene": arguments.scene.scene,
-        "integrator": format!("{:?}", arguments.integrator).to_lowercase(),
+        "integrator": word(arguments.integrator),
+        "camera": arguments.scene.camera,
+        "environment": arguments.scene.environment,
+        "environment_rotation": arguments.scene.environment_rotation,
+        "environment_scale": arguments.scene.environment_scale,
+        "tone": word(arguments.tone),
+        "exposure": request.exposure,
         "lambert": arguments.scene.lambert,
         "flat": arguments.scene.flat,
         "knobs": request.settings.describe().into_iter().collect::<std::collections::BTreeMap<_, _>>(),

@@ -40,14 +40,18 @@ pub fn write(destination: &Destination, bytes: &[u8]) -> Result<(), OutputError>
     }
 }
 
-/// Finds out, before hours of work, whether there is a place to write to; it may still fill up or go away.
+/// Finds out, before hours of work, whether there is a place to write to, by making a temporary file there and removing it;
+/// it may still fill up or go away.
 ///
 /// # Errors
 ///
 /// Nothing can be created there; see [`OutputError`].
 pub fn check(destination: &Destination) -> Result<(), OutputError> {
     match destination {
-        Destination::File(path) => target(path).map(drop),
+        Destination::File(path) => match target(path)? {
+            Target::File(file) => locked_temporary(&file).map(drop).map_err(|error| failure(path, 0, error)),
+            Target::Stream => Ok(()),
+        },
         Destination::Stdout if io::stdout().is_terminal() => Err(OutputError::Terminal),
         Destination::Stdout => Ok(()),
     }

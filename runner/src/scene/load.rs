@@ -73,10 +73,11 @@ pub fn load_from(source: &dyn Source, name: &str, options: &LoadOptions) -> Resu
     let library = read_libraries(source, &obj, &path, options, &mut warnings);
     let mut textures = Textures::new(source, options.max_file_bytes);
     let mut unbound: Vec<(Unbound, [Option<usize>; 3])> = Vec::new();
-    for name in &obj.material_names {
+    for (name, &line) in obj.material_names.iter().zip(&obj.material_lines) {
         let Some((material, folder)) = library.get(name.trim()) else {
             if !name.is_empty() {
-                warnings.push(Place::new(&path, 0), format!("material `{name}` is in no library; grey is used"));
+                let what = format!("material `{name}` is in no library, so grey is used; add `newmtl {name}` to one");
+                warnings.push(Place::new(&path, line), what);
             }
             unbound.push((unnamed(name), [None; 3]));
             continue;

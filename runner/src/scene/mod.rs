@@ -100,6 +100,16 @@ pub enum Motion {
     },
 }
 
+impl Scene {
+    /// Places everything as it is at `time_s` seconds, and stops it there.
+    pub fn stop_at(&mut self, time_s: f32) {
+        for instance in &mut self.instances {
+            instance.world_from_object = instance.world_from_object_at(time_s);
+            instance.motion = Motion::Still;
+        }
+    }
+}
+
 impl Instance {
     /// The placement at `time_s` seconds.
     pub fn world_from_object_at(&self, time_s: f32) -> Mat4 {

@@ -17,6 +17,8 @@ pub struct ObjFile {
     pub mesh: Mesh,
     /// The names that `usemtl` gave, in order of first use.
     pub material_names: Vec<String>,
+    /// The line where each of them comes first.
+    pub material_lines: Vec<u64>,
     /// The file names of each `mtllib`, as written, and the line it is on.
     pub material_libraries: Vec<(String, u64)>,
 }
@@ -87,8 +89,8 @@ pub fn read(reader: impl Read, file: &str, max_bytes: u64, warnings: &mut Warnin
         let help = "check that this is a Wavefront OBJ file with faces (`f`)";
         return Err(SceneError::bad_data(Place::new(file, 0), what, help));
     }
-    let (material_names, material_libraries) = (statements.material_names, statements.material_libraries);
-    Ok(ObjFile { mesh, material_names, material_libraries })
+    let super::statements::Statements { material_names, material_lines, material_libraries, .. } = statements;
+    Ok(ObjFile { mesh, material_names, material_lines, material_libraries })
 }
 
 /// Length 1, or zero where there is no direction.

@@ -64,6 +64,8 @@ pub struct Statements {
     pub warnings: Warnings,
     /// The names that `usemtl` gave, in order of first use; the model called `N` has the N-th.
     pub material_names: Vec<String>,
+    /// The line where each of them comes first.
+    pub material_lines: Vec<u64>,
     /// The file names of each `mtllib`, and the line it is on.
     pub material_libraries: Vec<(String, u64)>,
     /// Whether any corner of a face has a texture coordinate.
@@ -96,6 +98,7 @@ impl Statements {
             file: file.to_owned(),
             warnings: Warnings::default(),
             material_names: Vec::new(),
+            material_lines: Vec::new(),
             material_libraries: Vec::new(),
             has_uvs: false,
             has_normals: false,
@@ -333,6 +336,7 @@ impl Statements {
             Some(&number) => number,
             None => {
                 self.material_names.push(name.clone());
+                self.material_lines.push(line);
                 self.material_numbers.insert(name, self.material_names.len() - 1);
                 self.material_names.len() - 1
             }

@@ -193,7 +193,10 @@ fn inspect_header(contents: &[u8]) -> Result<Header, String> {
             Some(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => format,
             _ => return Err("its format is not supported (PNG and JPEG are)".to_owned()),
         };
-        reader.limits(limits());
+        // The size is checked below, by a message that says more than the decoder's.
+        let mut memory_only = limits();
+        (memory_only.max_image_width, memory_only.max_image_height) = (None, None);
+        reader.limits(memory_only);
         let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
         // Deflate reaches 1032:1.
         check_size(decoder.dimensions(), decoder.total_bytes(), contents.len(), 1100)?;

@@ -189,6 +189,12 @@ impl Gpu {
         self.facts.passthrough
     }
 
+    /// Whether it divides and takes square roots as exactly as the host: software does; Vulkan allows hardware to be off by
+    /// 2.5 units in the last place.
+    pub fn rounds_exactly(&self) -> bool {
+        self.facts.kind == "software"
+    }
+
     /// Asks the device how it is, without waiting.
     ///
     /// # Errors
