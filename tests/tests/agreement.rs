@@ -125,7 +125,16 @@ fn cases() -> Vec<Case> {
         ),
         of_variety(
             Technique::RealTime,
-            &["rays=speed", "reuse.mis=1/z", "spatial.rounds=1", "reuse.rule=paired", "candidates.full=2"],
+            &[
+                "rays=speed",
+                "reuse.mis=1/z",
+                "spatial.rounds=1",
+                "reuse.rule=paired",
+                // One for the sky and two by the tree leave three for the table: two groups.
+                "candidates.count=6",
+                "candidates.tree=2",
+                "candidates.full=2",
+            ],
         ),
         of_variety(
             Technique::RealTime,

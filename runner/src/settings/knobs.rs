@@ -155,8 +155,9 @@ pub const KNOBS: &[Knob] = &[
     Knob {
         key: "candidates.full",
         values: "0 to 64",
-        help: "groups of candidates that compete by irradiance before one of each meets the full target. More: closer \
-               to the full target for all, which 0 stands for; less: fewer evaluations of the BSDF",
+        help: "groups of the light table's candidates (the tree's stay apart) that compete by irradiance before one of \
+               each meets the full target. More: closer to the full target for all, which 0 and as many groups as \
+               candidates stand for; less: fewer evaluations of the BSDF",
         set: |s, text| number(&mut s.candidates_full, text, 0, 64),
         get: |s| text(s.candidates_full),
     },
@@ -313,8 +314,8 @@ pub const KNOBS: &[Knob] = &[
     Knob {
         key: "spatial.neighbors_unseen",
         values: "0 to 12",
-        help: "the same where the surface was not seen in the frame before. More: less noise where something has come \
-               into view, more time there; less: faster, noise at such places",
+        help: "the same where a pixel has got nothing from the frame before. More: less noise where something has \
+               come into view, more time there; less: faster, noise at such places",
         set: |s, text| number(&mut s.spatial_neighbors_unseen, text, 0, 12),
         get: |s| text(s.spatial_neighbors_unseen),
     },
