@@ -170,6 +170,9 @@ fn an_output_that_cannot_be_written_is_said_before_the_scene_is_read() {
     desk.refuses("render gone.obj -o no/p.png", Exit::CannotCreate, &["directory `no` does not exist; create it"]);
     desk.refuses("render gone.obj -o folder.png", Exit::CannotCreate, &["is a directory; append a file name"]);
     desk.refuses("render gone.obj -o p.jpg", Exit::Usage, &["pictures are .png or .exr, not p.jpg"]);
+    if cfg!(target_os = "linux") {
+        desk.refuses("render gone.obj -o /proc/p.png", Exit::CannotCreate, &["no file can be created there"]);
+    }
     let desk = desk.with("file", "");
     desk.refuses("export cornell file/out", Exit::CannotCreate, &["cannot make the directory", "file/out"]);
 }

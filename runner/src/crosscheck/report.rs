@@ -209,7 +209,34 @@ impl fmt::Display for Difference {
 
 #[cfg(test)]
 mod tests {
-    use super::distance;
+    use super::{Loader, Module, Report, Row, distance};
+
+    #[test]
+    fn one_pixel_in_a_hundred_may_be_far_and_no_more() {
+        let with = |far_pixels| Report {
+            adapter: String::new(),
+            module: Module::Plain,
+            loader: Loader::Naga,
+            frames: 1,
+            rows: vec![Row {
+                pass: "shade",
+                buffer: "color",
+                words: 400,
+                differing_words: far_pixels,
+                pixels: 100,
+                differing_pixels: far_pixels,
+                far_pixels,
+                largest_absolute: 1.0,
+                largest_relative: 1.0,
+                first: None,
+            }],
+        };
+        assert!(with(1).is_close() && !with(1).is_equal());
+        assert!(!with(2).is_close());
+        assert!(with(2).to_string().ends_with(
+            "not equal: of the pixels of an output up to 2.000 % differ, 2.000 % by more than rounding explains"
+        ));
+    }
 
     #[test]
     fn a_float_that_is_not_finite_is_infinitely_far_from_any_other() {

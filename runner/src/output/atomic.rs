@@ -49,7 +49,10 @@ pub fn write(destination: &Destination, bytes: &[u8]) -> Result<(), OutputError>
 pub fn check(destination: &Destination) -> Result<(), OutputError> {
     match destination {
         Destination::File(path) => match target(path)? {
-            Target::File(file) => locked_temporary(&file).map(drop).map_err(|error| failure(path, 0, error)),
+            Target::File(file) => locked_temporary(&file).map(drop).map_err(|error| match failure(path, 0, error) {
+                OutputError::Io { source, .. } => OutputError::NoNewFile { path: path.clone(), reason: source.kind() },
+                known => known,
+            }),
             Target::Stream => Ok(()),
         },
         Destination::Stdout if io::stdout().is_terminal() => Err(OutputError::Terminal),

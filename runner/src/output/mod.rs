@@ -151,6 +151,14 @@ pub enum OutputError {
         /// How many bytes the whole output has.
         bytes: usize,
     },
+    /// No new file can be made in the directory.
+    #[error("no file can be created there ({reason}); choose another place: {}", path.display())]
+    NoNewFile {
+        /// The file asked for.
+        path: PathBuf,
+        /// What kind of error the system had.
+        reason: std::io::ErrorKind,
+    },
     /// Writing failed for another reason.
     #[error("cannot write ({source}); check the disk or choose another place: {destination}")]
     Io {
@@ -200,6 +208,7 @@ impl HasExit for OutputError {
             | Self::Denied { .. }
             | Self::NotAFile { .. }
             | Self::DanglingLink { .. }
+            | Self::NoNewFile { .. }
             | Self::Terminal => Exit::CannotCreate,
             Self::Closed { .. } | Self::Full { .. } => Exit::Io,
             Self::Io { source, .. } => source.exit(),

@@ -13,7 +13,7 @@ use super::Environment;
 use super::error::{Place, SceneError, Warning, Warnings};
 use super::keywords::MAX_RADIANCE;
 use super::source::{Directory, Source};
-use super::texture::{check_size, limits};
+use super::texture::{check_size, limits_before_size};
 
 /// Wider maps are reduced: lights that small are below what sampling resolves.
 pub const MAX_WIDTH: u32 = 4096;
@@ -107,7 +107,7 @@ impl Pixels {
 fn decode_hdr(contents: &[u8]) -> Result<Pixels, String> {
     let reader = || {
         let mut reader = ImageReader::with_format(Cursor::new(contents), ImageFormat::Hdr);
-        reader.limits(limits());
+        reader.limits(limits_before_size());
         reader
     };
     let decoder = reader().into_decoder().map_err(|error| error.to_string())?;

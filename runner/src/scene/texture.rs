@@ -160,6 +160,13 @@ pub(super) fn limits() -> Limits {
     limits
 }
 
+/// [`limits`] until the header is read: then [`check_size`] says more of the size than the decoder would.
+pub(super) fn limits_before_size() -> Limits {
+    let mut limits = limits();
+    (limits.max_image_width, limits.max_image_height) = (None, None);
+    limits
+}
+
 /// Refuses images whose header promises more than a file of `file_bytes` can hold.
 ///
 /// `max_ratio` is how far the format can compress; small images are always accepted.
@@ -193,10 +200,7 @@ fn inspect_header(contents: &[u8]) -> Result<Header, String> {
             Some(format @ (ImageFormat::Png | ImageFormat::Jpeg)) => format,
             _ => return Err("its format is not supported (PNG and JPEG are)".to_owned()),
         };
-        // The size is checked below, by a message that says more than the decoder's.
-        let mut memory_only = limits();
-        (memory_only.max_image_width, memory_only.max_image_height) = (None, None);
-        reader.limits(memory_only);
+        reader.limits(limits_before_size());
         let decoder = reader.into_decoder().map_err(|e| e.to_string())?;
         // Deflate reaches 1032:1.
         check_size(decoder.dimensions(), decoder.total_bytes(), contents.len(), 1100)?;
@@ -290,4 +294,19 @@ fn texels(image: DynamicImage, kind: Kind) -> Vec<u32> {
         texels.iter_mut().for_each(|texel| *texel = (*texel >> 24) * 0x0101_0101);
     }
     texels
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_image_that_is_too_large_is_told_its_size_and_the_limit() {
+        let mut file = Vec::new();
+        let mut writer = png::Encoder::new(&mut file, 40_000, 40_000).write_header().expect("a header");
+        writer.write_chunk(png::chunk::IDAT, &[]).expect("some data");
+        drop(writer);
+        let message = inspect_header(&file).map(drop).expect_err("it is too large");
+        assert_eq!(message, "it has 40000x40000 pixels, the limit is 16384x16384");
+    }
 }
