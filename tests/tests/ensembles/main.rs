@@ -223,6 +223,24 @@ fn every_unbiased_knob_of_the_chain_is_unbiased_where_neighbours_see_different_l
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// Forms of MIS weights, and rounds of spatial reuse after reuse in time, where ids of lights have to be translated.
+const REORDERED_VARIANTS: &[&[&str]] = &[
+    &["rays=speed", "reuse.mis=pairwise", "spatial.rounds=1"],
+    &["rays=speed", "reuse.mis=balance"],
+    &["rays=speed", "reuse.mis=contribution"],
+    &["rays=speed", "reuse.mis=1/z"],
+    &["rays=balanced", "spatial.rounds=1"],
+    &["rays=quality", "spatial.rounds=1", "spatial.neighbors=3"],
+    &["rays=balanced", "reservoirs.count=2"],
+];
+
+#[test]
+fn every_form_of_weights_is_unbiased_while_lights_change_places() {
+    let bench = Bench::new(scenarios::reordered_lights());
+    let wrong: Vec<_> = REORDERED_VARIANTS.iter().filter_map(|knobs| bench.check(Technique::RealTime, knobs)).collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
 /// The comparison has teeth: options that are known to be biased are seen to be.
 #[test]
 fn options_that_are_called_biased_are() {
@@ -269,13 +287,18 @@ fn every_planted_bug_is_caught() {
 #[test]
 fn one_light_that_is_one_percent_brighter_is_caught() {
     let mut bench = Bench::new(scenarios::standing());
+    let verdict = |bench: &Bench| {
+        let clip = bench.clip(Technique::RealTime, &["rays=quality", "candidates.count=8", "temporal.neighbors=3"]);
+        Verdict::new(&Ensemble::new(&clip.totals(0..1024)), &bench.judge, 0.005, None)
+    };
+    let plain = verdict(&bench);
+    println!("planted: nothing | {plain}");
+    assert!(!plain.differs(), "without any bug: {plain}");
     let brightest = &mut bench.scenario.scene.materials[3];
     brightest.emission *= 1.01;
-    let clip = bench.clip(Technique::RealTime, &["rays=quality", "candidates.count=8", "temporal.neighbors=3"]);
-    let chains = Ensemble::new(&clip.totals(0..1024));
-    let verdict = Verdict::new(&chains, &bench.judge, 0.005, None);
-    println!("planted: a light 1 % brighter | {verdict}");
-    assert!(verdict.differs(), "1 % more light went unnoticed: {verdict}");
+    let brighter = verdict(&bench);
+    println!("planted: a light 1 % brighter | {brighter}");
+    assert!(brighter.differs(), "1 % more light went unnoticed: {brighter}");
 }
 
 /// Slope of the squared error of a mean of stills against their number, up to 4,096 of them, where neighbours see
