@@ -1,7 +1,7 @@
 //! Writes a scene as Wavefront OBJ and MTL, with its images and a camera, for other renderers.
 //!
-//! The scene stands still at time 0 (see [`Scene::stop_at`] for another) and its instances become plain triangles in world space. Numbers are written with
-//! as many digits as reading them back bit by bit takes.
+//! The scene stands still at time 0 (see [`Scene::stop_at`] for another) and its instances become plain triangles in world
+//! space. Numbers are written with as many digits as reading them back bit by bit takes.
 
 mod files;
 mod mtl;
