@@ -6,7 +6,7 @@ use glam::{UVec2, Vec3};
 
 use crate::{
     frame::Frame,
-    numerics::{abs, exp2, load, log2, max, multiply_high, sin_cos, sqrt},
+    numerics::{abs, clamp, exp2, load, log2, max, multiply_high, sin_cos, sqrt},
     octahedral,
     resample::{MAX_KEPT, NOT_KEPT, WithoutReplacement},
     reservoir::{MAX_INPUTS, Reservoir},
@@ -329,24 +329,26 @@ fn find_pairs(
     }
 }
 
-/// Where a surface was in the frame before, in world space; false if its instance was not there.
+/// Where a surface was in the frame before, in world space; where it is now, if its instance was not there.
 #[inline(always)]
-pub fn previous_position(frame: &Frame, prev_frame: &Frame, scene: &Scene, surface: &Surface) -> (bool, Vec3) {
+pub fn previous_position(frame: &Frame, prev_frame: &Frame, scene: &Scene, surface: &Surface) -> Vec3 {
     let position = surface.position();
     if frame.instances_at == prev_frame.instances_at {
-        return (true, position);
+        return position;
     }
     let counterpart = scene.instance_word(frame, surface.instance(), instance_record::COUNTERPART);
     if counterpart == NO_INSTANCE {
-        return (false, position);
+        return position;
     }
     let here = scene.instance_at(frame, surface.instance());
     let position_object = scene.transform_point(here + instance_record::OBJECT_FROM_WORLD, position);
     let there = scene.instance_at(prev_frame, counterpart);
-    (true, scene.transform_point(there + instance_record::WORLD_FROM_OBJECT, position_object))
+    scene.transform_point(there + instance_record::WORLD_FROM_OBJECT, position_object)
 }
 
-/// The past of a pixel: the pixel where its surface was, if what was seen there is similar, and neighbours of it.
+/// The past of a pixel: the pixel where its surface was, if what was seen there is similar, and neighbours of it. Where
+/// the surface was not seen, because it was hidden, off the image or not there at all, neighbours alone, of the place on
+/// the image that is nearest to it.
 #[inline(always)]
 pub fn find_past(
     px: UVec2,
@@ -361,19 +363,19 @@ pub fn find_past(
     if frame.has_history == 0 || surface.is_sky() {
         return past;
     }
-    let (existed, position) = previous_position(frame, prev_frame, scene, surface);
+    let position = previous_position(frame, prev_frame, scene, surface);
     let offset = position - prev_frame.camera_origin;
-    if !existed || !(offset.dot(prev_frame.camera_forward) > 0.0) {
+    if !(offset.dot(prev_frame.camera_forward) > 0.0) {
         return past;
     }
-    let center = project(prev_frame, offset);
+    let projected = project(prev_frame, offset);
     let (width, height) = (frame.width as f32, frame.height as f32);
-    if !(center[0] >= 0.0 && center[1] >= 0.0 && center[0] < width && center[1] < height) {
-        return past;
-    }
+    // Half a pixel from the border at least, so that a whole number of pixels is within.
+    let center = [clamp(projected[0], 0.5, width - 0.5), clamp(projected[1], 0.5, height - 0.5)];
+    let on_image = projected[0] >= 0.0 && projected[1] >= 0.0 && projected[0] < width && projected[1] < height;
     let site = Site::new(surface, position, prev_frame.camera_origin);
     let same = onto_lattice(frame, UVec2::new(center[0] as u32, center[1] as u32));
-    let seen = site.is_similar(frame, &load(prev_surfaces, frame.index_of(same)));
+    let seen = on_image && site.is_similar(frame, &load(prev_surfaces, frame.index_of(same)));
     past = Neighbors::around(same);
     if seen {
         past.push(same);
@@ -648,25 +650,77 @@ mod tests {
         }
     }
 
-    #[test]
-    fn a_still_surface_is_found_where_the_camera_before_saw_it() {
-        let surfaces = surfaces();
-        // Looking down, one unit a pixel at the floor; then one unit further along x.
-        let look = |x: f32| Frame {
+    /// Looking down at the floor, one unit a pixel, from above the point `x` of its middle row.
+    fn look(x: f32) -> Frame {
+        Frame {
             camera_origin: Vec3::new(x, 100.0, 24.0),
             camera_forward: Vec3::NEG_Y,
             camera_right: Vec3::X * 0.32,
             camera_up: Vec3::NEG_Z * 0.24,
             has_history: 1,
             confidence_cap: 5,
+            temporal_neighbors: 1,
+            temporal_neighbors_unseen: 4,
             ..frame(rule::DISK)
-        };
-        let (prev, now) = (look(32.0), look(33.0));
-        let scene = Scene { triangles: &[], records: &[], texels: &[] };
+        }
+    }
+
+    const NOTHING: Scene = Scene { triangles: &[], records: &[], texels: &[] };
+
+    #[test]
+    fn a_still_surface_is_found_where_the_camera_before_saw_it() {
+        let surfaces = surfaces();
+        let (prev, now) = (look(32.0), Frame { temporal_neighbors: 0, ..look(33.0) });
         let surface = surfaces[prev.index_of(UVec2::new(10, 20)) as usize];
-        let found = find_past(UVec2::new(9, 20), 0, &now, &prev, &scene, &surface, &surfaces);
+        let found = find_past(UVec2::new(9, 20), 0, &now, &prev, &NOTHING, &surface, &surfaces);
         assert_eq!((found.count, found.get(0)), (1, UVec2::new(10, 20)));
         let cut = Frame { has_history: 0, ..now };
-        assert_eq!(find_past(UVec2::new(9, 20), 0, &cut, &prev, &scene, &surface, &surfaces).count, 0);
+        assert_eq!(find_past(UVec2::new(9, 20), 0, &cut, &prev, &NOTHING, &surface, &surfaces).count, 0);
+    }
+
+    /// Neighbours, and whether the first is the pixel that had the same surface, on average over frames.
+    fn past_of(surface: &Surface, edit: impl Fn(Frame) -> Frame) -> Vec<Vec<UVec2>> {
+        let surfaces = surfaces();
+        let list = |index| {
+            let now = edit(Frame { index, ..look(33.0) });
+            let found = find_past(UVec2::new(9, 20), 0, &now, &look(32.0), &NOTHING, surface, &surfaces);
+            (0..found.count).map(|i| found.get(i)).collect()
+        };
+        (0..20).map(list).collect()
+    }
+
+    #[test]
+    fn a_surface_that_was_not_seen_gets_more_neighbours_from_the_past() {
+        let floor = surfaces()[look(32.0).index_of(UVec2::new(10, 20)) as usize];
+        assert!(past_of(&floor, |f| f).iter().all(|list| list.len() == 2 && list[0] == UVec2::new(10, 20)));
+        // Hidden: what was seen there stands far above the floor.
+        let hidden = surfaces()[look(32.0).index_of(UVec2::new(31, 20)) as usize];
+        let hidden = Surface { position: [33.0, 0.0, 20.0], ..hidden };
+        // Off the image, on the left.
+        let outside = Surface { position: [-3.0, 0.0, 20.0], ..floor };
+        for surface in [hidden, outside] {
+            let lists = past_of(&surface, |f| f);
+            let most = lists.iter().map(Vec::len).max();
+            assert_eq!(most, Some(4), "{:?}", surface.position);
+            for px in lists.iter().flatten() {
+                assert!(px.x < WIDTH / 2, "{px} is another surface");
+                assert!((px.x as f32 - surface.position[0]).abs() < 14.0, "{px} is far away");
+            }
+            assert!(past_of(&surface, |f| Frame { temporal_neighbors_unseen: 0, ..f }).iter().all(Vec::is_empty));
+        }
+        // Behind the camera no place on the image is near.
+        let behind = Surface { position: [10.0, 200.0, 20.0], ..floor };
+        assert!(past_of(&behind, |f| f).iter().all(Vec::is_empty));
+    }
+
+    #[test]
+    fn a_pixel_without_a_past_gets_more_neighbours_from_its_frame() {
+        let (surfaces, px) = (surfaces(), UVec2::new(12, 20));
+        let frame = Frame { spatial_neighbors: 2, ..frame(rule::DISK) };
+        let surface = surfaces[frame.index_of(px) as usize];
+        for (confidence, wanted) in [(1, 6), (2, 2), (9, 2)] {
+            let of = |index| find_present(px, 0, &Frame { index, ..frame }, &surface, &surfaces, confidence).count;
+            assert_eq!((0..20).map(of).max(), Some(wanted));
+        }
     }
 }

@@ -105,8 +105,8 @@ pub const KNOBS: &[Knob] = &[
                shadow ray a pixel. balanced: less noise, for 1 ray by the BSDF and, in real time, 3 shadow rays at \
                most. quality: the least noise in real time, for 1 ray by the BSDF, 1 shadow ray to the fresh sample, \
                and in each merge 1 from a partner and 1 to the sample of every other input. paper: the setting of \
-               the first paper, 32 candidates, 3 neighbours within 30 pixels, 20 frames of history, shadow rays as \
-               in quality, none by the BSDF",
+               the first paper, 32 candidates, 3 neighbours within 30 pixels (its faster and biased form has 5, with \
+               `reuse.mis=1/m` and `rays=before`), 20 frames of history, shadow rays as in quality, none by the BSDF",
         set: |s, text| {
             let Some(preset) = Preset::ALL.into_iter().find(|p| p.name() == text) else { return false };
             *s = with_preset(s, preset);

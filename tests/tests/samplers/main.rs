@@ -4,4 +4,5 @@
 mod candidates;
 mod cells;
 mod picks;
+mod places;
 mod rays;
