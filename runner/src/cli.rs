@@ -154,7 +154,7 @@ struct RenderArguments {
     /// Factor on radiance before the tone curve
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     exposure: f32,
-    /// Print the time of each pass
+    /// Print the time of each pass, and whether weights were dropped
     #[arg(long)]
     stats: bool,
 }

@@ -3,6 +3,7 @@
 pub mod crosscheck;
 pub mod executor;
 pub mod exit;
+pub mod faults;
 pub mod graph;
 pub mod output;
 pub mod packed;

@@ -19,6 +19,7 @@ use crate::{
         gpu::{Gpu, GpuError, GpuExecutor, Loader, Module},
     },
     exit::{Exit, HasExit},
+    faults::Faults,
     graph::{Facts, GraphError, Plan},
     output::{Layers, Picture},
     packed::{Changed, PackError, PackedScene},
@@ -83,9 +84,9 @@ pub struct Rendered {
     pub elapsed: Duration,
     /// Time of each pass in the last frame, where it is known.
     pub pass_times: Vec<(&'static str, Duration)>,
-    /// Samples that were not finite and count as black. The reference integrator counts them; passes refuse such weights
-    /// where they arise, and count nothing.
-    pub dropped: Option<u64>,
+    /// What passes dropped. The reference integrator drops nothing but whole samples that are not finite, which count as
+    /// black.
+    pub faults: Faults,
 }
 
 /// Why there is no picture.
@@ -341,7 +342,7 @@ fn picture_of(
         samples,
         elapsed,
         pass_times,
-        dropped: None,
+        faults: Faults::of(moments),
     })
 }
 
@@ -388,7 +389,7 @@ pub fn render_reference(
         samples,
         elapsed,
         pass_times: Vec::new(),
-        dropped: Some(estimates.iter().map(|e| e.dropped).sum()),
+        faults: Faults { samples: estimates.iter().map(|e| e.dropped).sum(), ..Faults::default() },
     })
 }
 

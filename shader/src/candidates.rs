@@ -2,7 +2,7 @@
 
 use glam::UVec2;
 use weir_shared::{
-    environment,
+    environment, fault,
     frame::Frame,
     light::{self, Address, ENVIRONMENT_BIT, NO_LIGHT},
     light_tree,
@@ -93,6 +93,7 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
         Stream::new((0, 0, 0.0), Chooser::new(group_rng, frame.choice));
     let mut walk_rng = Rng::for_reservoir(px, reservoir, frame, Stage::LightTree);
     let (mut group, mut first, mut drawn) = (0, 0, 0);
+    let mut group_fault = fault::NONE;
     let mut i = 0;
     while i < total {
         // Groups as equal as whole numbers allow; each stands for its share of the table's candidates.
@@ -193,10 +194,12 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
         if is_survivor {
             first = group_end;
             group += 1;
+            group_fault = group_fault.max(cheap.fault());
             cheap = Stream::new((0, 0, 0.0), Chooser::new(group_rng.skip(group << 8), frame.choice));
         }
         i += 1;
     }
     let (id, uv) = stream.kept();
-    Reservoir::new(id, uv, stream.contribution_weight(), 1)
+    let fault = fault::at(fault::stage::CANDIDATES, stream.fault().max(group_fault));
+    Reservoir::new(id, uv, stream.contribution_weight(), 1).with_fault(fault)
 }

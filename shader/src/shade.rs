@@ -2,11 +2,18 @@
 
 use glam::{UVec2, Vec3, Vec4};
 use weir_shared::{
-    frame::Frame, light, numerics::load, reservoir::Reservoir, scene::Scene, surface::Surface, target::Domain,
+    fault,
+    frame::Frame,
+    light,
+    numerics::{is_finite, load},
+    reservoir::Reservoir,
+    scene::Scene,
+    surface::Surface,
+    target::Domain,
 };
 
-/// Radiance toward the camera, linear Rec. 709, in W sr^-1 m^-2, by the mean over the pixel's reservoirs; w is the
-/// coverage (0 for sky).
+/// Radiance toward the camera, linear Rec. 709, in W sr^-1 m^-2, by the mean over the pixel's reservoirs; w is the first
+/// [`fault`] on the way to it.
 pub fn shade<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>(
     px: UVec2,
     frame: &Frame,
@@ -16,7 +23,7 @@ pub fn shade<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool
     visible: &[Reservoir],
 ) -> Vec4 {
     let emitted = load(emitted, frame.index_of(px));
-    let mut reflected = Vec3::ZERO;
+    let (mut reflected, mut first) = (Vec3::ZERO, fault::NONE);
     let mut i = 0;
     while i < frame.reservoirs {
         let held = load(visible, frame.index_of_reservoir(px, i));
@@ -25,19 +32,35 @@ pub fn shade<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool
             let point = light::evaluate::<TEXTURES, ENVIRONMENT>(frame, scene, held.light, held.uv);
             reflected += domain.reflected::<ENVIRONMENT, SPECULAR>(&point) * held.ucw;
         }
+        first = if first == fault::NONE { held.fault() } else { first };
         i += 1;
     }
-    (emitted.truncate() + reflected * (1.0 / frame.reservoirs as f32)).extend(emitted.w)
+    shaded(frame, emitted, reflected, first)
 }
 
 /// The same from the sums over all inputs of the last merge, whose visibility is known.
 pub fn shade_sum(px: UVec2, frame: &Frame, emitted: &[Vec4], gathered: &[Vec4]) -> Vec4 {
     let emitted = load(emitted, frame.index_of(px));
-    let mut reflected = Vec3::ZERO;
+    let (mut reflected, mut first) = (Vec3::ZERO, fault::NONE);
     let mut i = 0;
     while i < frame.reservoirs {
-        reflected += load(gathered, frame.index_of_reservoir(px, i)).truncate();
+        let sum = load(gathered, frame.index_of_reservoir(px, i));
+        reflected += sum.truncate();
+        first = if first == fault::NONE { sum.w as u32 } else { first };
         i += 1;
     }
-    (emitted.truncate() + reflected * (1.0 / frame.reservoirs as f32)).extend(emitted.w)
+    shaded(frame, emitted, reflected, first)
+}
+
+/// What is emitted, and the mean of what the reservoirs reflect unless that overflows.
+#[inline(always)]
+fn shaded(frame: &Frame, emitted: Vec4, reflected: Vec3, first: u32) -> Vec4 {
+    let color = emitted.truncate() + reflected * (1.0 / frame.reservoirs as f32);
+    // Numbers that are not negative: their sum is finite only if each is.
+    if is_finite(color.x + color.y + color.z) {
+        color.extend(first as f32)
+    } else {
+        let here = fault::at(fault::stage::SHADE, fault::OVERFLOW);
+        emitted.truncate().extend(if first == fault::NONE { here } else { first } as f32)
+    }
 }

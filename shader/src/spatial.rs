@@ -3,6 +3,7 @@
 use glam::{UVec2, UVec4, Vec3, Vec4};
 use weir_shared::{
     bvh::unoccluded,
+    fault,
     frame::Frame,
     light::{self, LightPoint},
     merge::{self, Inputs, form},
@@ -73,11 +74,12 @@ impl<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> Inputs
     #[inline(always)]
     fn sample(&self, input: u32) -> (f32, Sample) {
         let stored = self.stored(input);
-        let mut point = LightPoint::NONE;
+        let (mut ucw, mut point) = (0.0, LightPoint::NONE);
         if stored.has_sample() {
+            ucw = stored.ucw;
             point = light::evaluate::<TEXTURES, ENVIRONMENT>(self.frame, &self.scene, stored.light, stored.uv);
         }
-        (stored.ucw, Sample { light: stored.light, uv: stored.uv, point })
+        (ucw, Sample { light: stored.light, uv: stored.uv, point })
     }
 
     #[inline(always)]
@@ -167,7 +169,7 @@ fn merged<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool, c
     } else {
         merge::merge(&inputs, frame.mis_form, &mut sink)
     };
-    sink.finish(frame, &own, &ended)
+    sink.finish(frame, &own, &ended, fault::stage::SPATIAL)
 }
 
 /// The pixel's reservoir with the marks of the shadow rays that spatial reuse asks for; as [`crate::temporal::rays`],

@@ -6,6 +6,7 @@
 use glam::{UVec2, UVec4, Vec3, Vec4};
 use weir_shared::{
     bvh::unoccluded,
+    fault,
     frame::{Frame, FramePair},
     light::{self, LightPoint, NO_LIGHT},
     merge::{self, Inputs, form},
@@ -227,7 +228,7 @@ fn merged<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool, c
     } else {
         merge::merge(&inputs, frame.mis_form, &mut sink)
     };
-    sink.finish(frame, &own, &ended)
+    sink.finish(frame, &own, &ended, fault::stage::TEMPORAL)
 }
 
 impl crate::collect::Offered for Sample {

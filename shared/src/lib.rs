@@ -11,6 +11,7 @@ pub mod bsdf;
 pub mod bvh;
 pub mod camera;
 pub mod environment;
+pub mod fault;
 pub mod frame;
 pub mod light;
 pub mod light_tree;

@@ -126,6 +126,16 @@ pub fn find(frame: &Frame, scene: &Scene, light: u32) -> Place {
     place_of(frame, scene, address_of(frame, scene, light))
 }
 
+/// Whether there is a light of that id. Every id that passes store is; what is not must do no harm beyond its pixel.
+#[inline(always)]
+pub fn exists(frame: &Frame, light: u32) -> bool {
+    if (light & ENVIRONMENT_BIT) != 0 {
+        (light & !ENVIRONMENT_BIT) < frame.environment_width * frame.environment_height
+    } else {
+        light < frame.light_count
+    }
+}
+
 /// The id in frame `to` of what has the id `light` in frame `from`; [`NO_LIGHT`] if it is not there. One of the frames
 /// is the one before the other. The environment is in both or in none.
 #[inline(always)]
@@ -133,6 +143,9 @@ pub fn translate(from: &Frame, to: &Frame, scene: &Scene, light: u32) -> u32 {
     // Without a table of its own, a frame shares that of the frame before: nothing has moved.
     if from.instances_at == to.instances_at || (light & ENVIRONMENT_BIT) != 0 {
         return light;
+    }
+    if !exists(from, light) {
+        return NO_LIGHT;
     }
     let address = address_of(from, scene, light);
     let instance = scene.emitter_word(from, address.emitter, emitter_record::INSTANCE);
@@ -145,7 +158,7 @@ pub fn translate(from: &Frame, to: &Frame, scene: &Scene, light: u32) -> u32 {
 
 /// The point `uv` (two 16-bit numbers) of light `light`. Evaluated from the quantised numbers, so that every reader
 /// of a stored sample sees the same point. Without `TEXTURES` only the place is right: emission has no texture and no
-/// holes then.
+/// holes then. [`LightPoint::NONE`] for an id that does not exist.
 #[inline(always)]
 pub fn evaluate<const TEXTURES: bool, const ENVIRONMENT: bool>(
     frame: &Frame,
@@ -153,6 +166,9 @@ pub fn evaluate<const TEXTURES: bool, const ENVIRONMENT: bool>(
     light: u32,
     uv: u32,
 ) -> LightPoint {
+    if !exists(frame, light) {
+        return LightPoint::NONE;
+    }
     if ENVIRONMENT && (light & ENVIRONMENT_BIT) != 0 {
         return evaluate_environment(frame, scene, light, uv);
     }

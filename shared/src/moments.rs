@@ -4,6 +4,8 @@ use bytemuck::{Pod, Zeroable};
 use core::mem::size_of;
 use glam::Vec3;
 
+use crate::{fault, numerics::min};
+
 /// Mean and sum of squared deviations, 48 bytes. All zero: no frame yet.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
@@ -14,22 +16,23 @@ pub struct Moments {
     pub count: u32,
     /// What rounding has cut off the mean so far: added back with the next frame.
     pub carry: [f32; 3],
-    /// Not used.
-    pub padding: u32,
+    /// Frames for which a weight was dropped.
+    pub faults: u32,
     /// Sum of squared deviations from the mean.
     pub deviation: [f32; 3],
-    /// Not used.
-    pub padding_end: u32,
+    /// The first [`crate::fault`] of them.
+    pub fault: u32,
 }
 
 const _: () = assert!(size_of::<Moments>() == 48);
 
 impl Moments {
-    /// With one more frame. The mean is summed with compensation, so that it stays exact over millions of frames.
+    /// With one more frame, and the first [`crate::fault`] on the way to it. The mean is summed with compensation, so that
+    /// it stays exact over millions of frames. Squared deviations stay finite, at 1e38 or above.
     ///
     /// Source: Welford 1962; Kahan 1965.
     #[inline(always)]
-    pub fn with(&self, value: Vec3) -> Self {
+    pub fn with(&self, value: Vec3, fault: u32) -> Self {
         let count = self.count.wrapping_add(1);
         let share = 1.0 / count as f32;
         let mean = Vec3::new(self.mean[0], self.mean[1], self.mean[2]);
@@ -40,14 +43,19 @@ impl Moments {
         let step = difference * share - carry;
         let new_mean = mean + step;
         let new_carry = (new_mean - mean) - step;
-        let new_deviation = deviation + difference * (value - new_mean);
+        let square = difference * (value - new_mean);
+        // Not-a-number, which stands for an overflow as well, counts as the most.
+        let most = f32::from_bits(0x7f7f_ffff);
+        let sum = |kept: f32, added: f32| min(kept + added, most);
+        let new_deviation =
+            Vec3::new(sum(deviation.x, square.x), sum(deviation.y, square.y), sum(deviation.z, square.z));
         Self {
             mean: [new_mean.x, new_mean.y, new_mean.z],
             count,
             carry: [new_carry.x, new_carry.y, new_carry.z],
-            padding: 0,
+            faults: self.faults.wrapping_add(u32::from(fault != fault::NONE)),
             deviation: [new_deviation.x, new_deviation.y, new_deviation.z],
-            padding_end: 0,
+            fault: if self.fault == fault::NONE { fault } else { self.fault },
         }
     }
 
@@ -76,7 +84,7 @@ mod tests {
     fn a_million_frames_of_one_value_keep_their_mean() {
         let mut moments = Moments::default();
         for _ in 0..1 << 20 {
-            moments = moments.with(Vec3::splat(0.1));
+            moments = moments.with(Vec3::splat(0.1), fault::NONE);
         }
         assert!((f64::from(moments.mean[0]) - 0.1).abs() < 1e-8, "{:?}", moments.mean);
         assert!(moments.variance_of_mean().x.abs() < 1e-15);
@@ -87,7 +95,7 @@ mod tests {
         let values: [f64; 6] = [1.0, 4.0, 0.0, 2.5, 100.0, 3.25];
         let mut moments = Moments::default();
         for v in values {
-            moments = moments.with(Vec3::splat(v as f32));
+            moments = moments.with(Vec3::splat(v as f32), fault::NONE);
         }
         let mean = values.iter().sum::<f64>() / 6.0;
         let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / 5.0 / 6.0;
@@ -103,7 +111,7 @@ mod tests {
         for i in 0..n {
             let value = crate::numerics::unit_float(crate::rng::pcg4d(i, 0, 0, 1)[0]);
             exact += f64::from(value);
-            moments = moments.with(Vec3::splat(value));
+            moments = moments.with(Vec3::splat(value), fault::NONE);
         }
         exact /= f64::from(n);
         assert!((f64::from(moments.mean[0]) - exact).abs() < 2e-7, "{} {exact}", moments.mean[0]);

@@ -6,6 +6,7 @@
 use core::ops::{Add, Div, Mul, Sub};
 
 use crate::{
+    fault,
     numerics::{is_finite, log2, max, min},
     rng::Rng,
     words::Words,
@@ -21,6 +22,8 @@ pub trait Real:
     const ONE: Self;
     /// Neither infinite nor not-a-number.
     fn is_finite(self) -> bool;
+    /// One of [`crate::fault`], for a weight and the sum that it would have led to.
+    fn fault(weight: Self, sum: Self) -> u32;
 }
 
 impl Real for f32 {
@@ -30,6 +33,10 @@ impl Real for f32 {
     fn is_finite(self) -> bool {
         is_finite(self)
     }
+    #[inline(always)]
+    fn fault(weight: Self, sum: Self) -> u32 {
+        fault::of_weight(weight, sum)
+    }
 }
 
 #[cfg(not(target_arch = "spirv"))]
@@ -38,6 +45,9 @@ impl Real for f64 {
     const ONE: Self = 1.0;
     fn is_finite(self) -> bool {
         Self::is_finite(self)
+    }
+    fn fault(weight: Self, sum: Self) -> u32 {
+        fault::of_weight(weight as f32, sum as f32)
     }
 }
 
@@ -197,6 +207,7 @@ pub struct Stream<R, S, C> {
     kept: S,
     target: R,
     weight_sum: R,
+    fault: u32,
     choose: C,
 }
 
@@ -204,15 +215,16 @@ impl<R: Real, S: Copy, C: Choose<R>> Stream<R, S, C> {
     /// Nothing offered yet; `nothing` is what [`Stream::kept`] returns until then.
     #[inline(always)]
     pub fn new(nothing: S, choose: C) -> Self {
-        Self { kept: nothing, target: R::ZERO, weight_sum: R::ZERO, choose }
+        Self { kept: nothing, target: R::ZERO, weight_sum: R::ZERO, fault: fault::NONE, choose }
     }
 
     /// Offers a sample with target p̂ and resampling weight w = m p̂ W; true if it is the one kept now. Weights that
-    /// are not positive and finite, or with which the sum would overflow, are dropped.
+    /// are not positive and finite, or with which the sum would overflow, are dropped; all but zeros as a [`fault`].
     #[inline(always)]
     pub fn offer(&mut self, sample: S, target: R, weight: R) -> bool {
         let sum = self.weight_sum + weight;
         if !(weight > R::ZERO) || !sum.is_finite() {
+            self.fault = self.fault.max(R::fault(weight, sum));
             return false;
         }
         self.weight_sum = sum;
@@ -238,6 +250,16 @@ impl<R: Real, S: Copy, C: Choose<R>> Stream<R, S, C> {
         }
         let weight = self.weight_sum / self.target;
         if weight.is_finite() { weight } else { R::ZERO }
+    }
+
+    /// The worst [`fault`] of what was dropped, the contribution weight among it.
+    #[inline(always)]
+    pub fn fault(&self) -> u32 {
+        if self.target > R::ZERO && !(self.weight_sum / self.target).is_finite() {
+            self.fault.max(fault::OVERFLOW)
+        } else {
+            self.fault
+        }
     }
 }
 

@@ -580,11 +580,11 @@ mod tests {
         let mut neighbors = Neighbors::around(UVec2::ZERO);
         pixels.iter().for_each(|&px| neighbors.push(px));
         let mut reservoirs = vec![Reservoir::EMPTY; 8];
-        for (px, confidence) in pixels.iter().zip([7, 0, 1, 60_000, 20]) {
+        for (px, confidence) in pixels.iter().zip([7, 0, 1, 15_000, 20]) {
             reservoirs[px.x as usize] = Reservoir::new(0, 0, 0.0, confidence);
         }
         let own = Reservoir::new(0, 0, 0.0, 2);
-        for (past, expected) in [(false, [7.0, 0.0, 1.0, 60_000.0, 20.0]), (true, [7.0, 0.0, 1.0, 10.0, 10.0])] {
+        for (past, expected) in [(false, [7.0, 0.0, 1.0, 15_000.0, 20.0]), (true, [7.0, 0.0, 1.0, 10.0, 10.0])] {
             let frame = |index| Frame {
                 width: 8,
                 height: 1,

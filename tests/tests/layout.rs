@@ -154,7 +154,7 @@ fn fields_of(resource: &str) -> Option<Fields> {
         "bsdf_hits" | "fresh" | "unseen" | "visible" | "marked" | "merged" | "merging" | "reservoirs" => {
             Some(fields!(Reservoir { light, uv, ucw, state }))
         }
-        "moments" => Some(fields!(Moments { mean, count, carry, padding, deviation, padding_end })),
+        "moments" => Some(fields!(Moments { mean, count, carry, faults, deviation, fault })),
         _ => None,
     }
 }

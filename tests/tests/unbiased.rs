@@ -104,7 +104,7 @@ fn cornell() -> Scene {
 fn resampled_candidates_have_the_mean_of_the_reference() {
     for (name, scene, samples) in [("cornell", cornell(), 512), ("variety", variety(), 1024)] {
         let judge = reference(&scene, samples);
-        assert_eq!(judge.dropped, Some(0));
+        assert_eq!(judge.faults.samples, 0);
         for knobs in [
             &["candidates.count=1"] as &[&str],
             &["candidates.count=1", "candidates.source=uniform"],

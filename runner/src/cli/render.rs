@@ -126,8 +126,8 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
         },
     };
     bar.finish_and_clear();
-    if let Some(dropped @ 1..) = rendered.dropped {
-        tracing::warn!("{dropped} samples were not finite and count as black");
+    if rendered.faults.samples > 0 {
+        tracing::warn!("{}", rendered.faults);
     }
     match format {
         Format::Png => png::write(&destination, request.width, request.height, &rendered.display)?,
@@ -198,6 +198,9 @@ fn print_passes(rendered: &Rendered) {
         eprintln!("{pass:<20} {:>9.3} ms", time.as_secs_f64() * 1e3);
     }
     eprintln!("{:<20} {:>9.3} ms (last frame)", "all passes", total.as_secs_f64() * 1e3);
+    if rendered.faults.samples == 0 {
+        eprintln!("no weight was dropped");
+    }
 }
 
 /// A value as the command line takes it.

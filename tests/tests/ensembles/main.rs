@@ -9,6 +9,7 @@ mod convergence;
 mod history;
 mod options;
 mod planted;
+mod poison;
 mod scenarios;
 mod statistics;
 mod stills;

@@ -19,7 +19,7 @@ pub struct Seen<'a> {
     /// The pixel's own reservoirs; none where they are read from those of the others.
     own: &'a mut [Reservoir],
     /// Those of the frame before or, within a frame, of the neighbours.
-    others: &'a mut [Reservoir],
+    pub others: &'a mut [Reservoir],
     place: &'static Place,
 }
 
@@ -106,7 +106,7 @@ pub struct VisibilityUnknownToMis;
 impl Bug for VisibilityUnknownToMis {
     fn plant(seen: &mut Seen<'_>) {
         if seen.place.is_merge {
-            seen.own.iter_mut().for_each(|r| r.state &= 0x8000_0000 | MAX_CONFIDENCE);
+            seen.own.iter_mut().for_each(|r| r.state &= 0xf800_0000 | MAX_CONFIDENCE);
         }
     }
 }
