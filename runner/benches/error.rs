@@ -268,7 +268,7 @@ fn main() -> Result<(), Failure> {
     let mut chain_n_eff = Vec::new();
     for method in methods {
         let request = request(Technique::RealTime, method, 3, Stop::Samples(CHAIN_FRAMES))?;
-        let rendered = render_real_time(&mut packed, &request, &backend, |_| true)?;
+        let rendered = render_real_time(&mut packed, &request, &backend, None, |_| true)?;
         chain_n_eff.push(show(method, CHAIN_FRAMES, &rendered));
     }
 

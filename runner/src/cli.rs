@@ -154,7 +154,14 @@ struct RenderArguments {
     /// Factor on radiance before the tone curve
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     exposure: f32,
-    /// Print the time of each pass
+    /// Hold this time for each frame of restir-temporal, by more or fewer candidates, neighbours and pixels of full quality
+    ///
+    /// The time of a frame includes moving the scene and uploading what has changed. Frames change `candidates.count`,
+    /// `candidates.tree`, `candidates.off_lattice`, `temporal.neighbors`, `temporal.neighbors_unseen` and
+    /// `reuse.resolution`, none of which costs history or biases the picture.
+    #[arg(long, value_name = "MS")]
+    budget_ms: Option<f64>,
+    /// Print the time of each pass, and what has become of a budget
     #[arg(long)]
     stats: bool,
 }

@@ -1,5 +1,6 @@
 //! weir, the library: scenes, the frame graph, its two executors, and what the command line does with them.
 
+pub mod budget;
 pub mod crosscheck;
 pub mod executor;
 pub mod exit;

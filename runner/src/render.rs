@@ -13,6 +13,7 @@ use weir_shared::{
 };
 
 use crate::{
+    budget::TimeBudget,
     executor::{
         AlignedBytes, SceneBuffers,
         cpu::{CpuExecutor, Order},
@@ -277,7 +278,8 @@ pub fn render(
 }
 
 /// Renders frames that reuse each other, as a viewer would, and returns the last: one sample a pixel, with no variance
-/// known. The scene's animation goes on from frame to frame. `progress` is told the frames so far.
+/// known. The scene's animation goes on from frame to frame. With a `budget`, it chooses the settings of each frame.
+/// `progress` is told the frames so far.
 ///
 /// # Errors
 /// If the size is refused, the scene can't be shown at some time or the GPU fails.
@@ -285,6 +287,7 @@ pub fn render_real_time(
     packed: &mut PackedScene,
     request: &Request,
     backend: &Backend<'_>,
+    mut budget: Option<&mut TimeBudget>,
     mut progress: impl FnMut(u32) -> bool,
 ) -> Result<Rendered, RenderError> {
     let facts = facts_of(packed, request.width, request.height, &request.settings);
@@ -295,13 +298,20 @@ pub fn render_real_time(
     let mut count = 0;
     let mut pass_times;
     loop {
+        let frame_start = Instant::now();
+        if let Some(budget) = &budget {
+            sequence.tune(budget.settings());
+        }
         let (frames, changed) = sequence.next(&sequence.shot(count))?;
         let scene = sequence.packed().buffers();
         executor.update(scene, changed)?;
         pass_times = executor.run(&plan, scene, &frames)?;
         count += 1;
-        if matches!(request.stop, Stop::Time(_)) {
+        if matches!(request.stop, Stop::Time(_)) || budget.is_some() {
             executor.finish()?;
+        }
+        if let Some(budget) = &mut budget {
+            budget.observe(frame_start.elapsed());
         }
         let done = is_done(request.stop, count, start);
         if !progress(count) || done {

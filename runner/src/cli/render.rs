@@ -17,6 +17,7 @@ use signal_hook::{
     flag,
 };
 use weir::{
+    budget::{Counts, FRONT, TimeBudget},
     executor::{
         cpu::Order,
         gpu::{AdapterChoice, Gpu},
@@ -24,6 +25,7 @@ use weir::{
     exit::{Exit, Usage},
     output::{Destination, Layers, atomic, exr, png},
     render::{Backend, Rendered, Request, Stop, camera_matrices, layers, render, render_real_time, render_reference},
+    settings::Settings,
     technique::Technique,
 };
 
@@ -86,7 +88,11 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
     if arguments.backend.threads > 0 {
         rayon::ThreadPoolBuilder::new().num_threads(arguments.backend.threads.min(1024)).build_global()?;
     }
+    let mut budget = budget_of(arguments)?;
     let mut opened = open::open(&arguments.scene)?;
+    if let Some(budget) = &mut budget {
+        budget.set_base(&opened.settings);
+    }
     let request = Request {
         width: arguments.size.width,
         height: arguments.size.height,
@@ -111,7 +117,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
     let adapter = gpu.as_ref().map_or_else(|| String::from("CPU"), |gpu| gpu.facts.name.clone());
     let mut draw = |backend: &Backend<'_>| match arguments.integrator {
         Integrator::Reference => render_reference(&opened.packed, &request, tell),
-        Integrator::RestirTemporal => render_real_time(&mut opened.packed, &request, backend, tell),
+        Integrator::RestirTemporal => render_real_time(&mut opened.packed, &request, backend, budget.as_mut(), tell),
         Integrator::Restir | Integrator::Ris => render(&opened.packed, &request, backend, tell),
     };
     let on_cpu = Backend::Cpu(Order::default());
@@ -139,6 +145,9 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
     if arguments.stats {
         print_passes(&rendered);
     }
+    if let Some(budget) = &budget {
+        tell_budget(budget, arguments.stats);
+    }
     let samples = u64::from(rendered.samples) * u64::from(request.width) * u64::from(request.height);
     tracing::info!(
         "{} samples a pixel in {:.2} s on {adapter} ({:.2} million samples a second)",
@@ -150,6 +159,35 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
         super::print(&format!("{}\n", shown(&arguments.output).display()))?;
     }
     Ok(interruption.of().unwrap_or(Exit::Ok))
+}
+
+/// The budget of each frame, if one is asked for.
+fn budget_of(arguments: &RenderArguments) -> Result<Option<TimeBudget>, Usage> {
+    let Some(ms) = arguments.budget_ms else { return Ok(None) };
+    if !(ms > 0.0 && ms <= 1e6) {
+        return Err(Usage(format!("--budget-ms takes milliseconds above 0 and up to a million, not {ms}")));
+    }
+    if arguments.integrator != Integrator::RestirTemporal {
+        let text =
+            "--budget-ms holds the time of each frame that reuses the one before; add --integrator restir-temporal";
+        return Err(Usage(String::from(text)));
+    }
+    Ok(Some(TimeBudget::new(Duration::from_secs_f64(ms * 1e-3), &Settings::default())))
+}
+
+/// What has become of a budget: a warning where it was out of reach, all of it if `stats` are wanted.
+fn tell_budget(budget: &TimeBudget, stats: bool) {
+    let Counts { frames, within, moves } = budget.counts();
+    let ms = budget.budget().as_secs_f64() * 1e3;
+    if budget.is_out_of_reach() {
+        tracing::warn!(
+            "a frame takes longer than {ms:.1} ms whatever the knobs; choose a smaller --size or `--set rays=speed`"
+        );
+    }
+    if stats {
+        let knobs = FRONT[budget.level()].knobs.join(" ");
+        eprintln!("{within} of {frames} frames within {ms:.1} ms, {moves} changes of knobs; at the end {knobs}");
+    }
 }
 
 /// Whether someone wants the picture now: the first SIGINT or SIGTERM ends rendering after the current frame, the second
