@@ -23,8 +23,11 @@ use weir::{
         gpu::{AdapterChoice, Gpu},
     },
     exit::{Exit, Usage},
-    output::{Destination, Layers, atomic, exr, png},
-    render::{Backend, Rendered, Request, Stop, camera_matrices, layers, render, render_real_time, render_reference},
+    output::{Destination, Layers, atomic, exr, heat::heat_map_picture, png},
+    render::{
+        Backend, RenderError, Rendered, Request, Stop, camera_matrices, layers, render, render_real_time,
+        render_reference,
+    },
     settings::Settings,
     technique::Technique,
 };
@@ -57,7 +60,7 @@ fn format_of(output: &Path) -> Result<Format, Usage> {
 }
 
 /// The GPU to use, or none; says which and why on stderr.
-fn choose_gpu(arguments: &BackendArguments) -> anyhow::Result<Option<Gpu>> {
+pub fn choose_gpu(arguments: &BackendArguments) -> anyhow::Result<Option<Gpu>> {
     let choice: AdapterChoice = match &arguments.adapter {
         Some(text) => text.parse()?,
         None => AdapterChoice::Best,
@@ -81,7 +84,8 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
     let destination = Destination::from(arguments.output.clone());
     atomic::check(&destination)?;
     let format = format_of(&arguments.output)?;
-    let stop = stop_of(arguments.spp, arguments.time)?;
+    let stop = stop_of(arguments)?;
+    let heat_map = heat_map_of(arguments)?;
     if !(arguments.exposure > 0.0 && arguments.exposure.is_finite()) {
         return Err(Usage(format!("--exposure takes a number above 0, not {}", arguments.exposure)).into());
     }
@@ -110,6 +114,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
         match stop {
             Stop::Samples(_) => bar.set_position(u64::from(samples)),
             Stop::Time(_) => bar.set_position(bar.elapsed().as_millis() as u64),
+            Stop::Error(_) => bar.set_position(u64::from(samples)),
         }
         interruption.of().is_none()
     };
@@ -142,6 +147,9 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
             write_exr(&destination, arguments, &request, &rendered, &layers, adapter.clone())?;
         }
     }
+    if let Some(destination) = &heat_map {
+        png::write(destination, request.width, request.height, &heat_map_picture(&rendered))?;
+    }
     if arguments.stats {
         print_passes(&rendered);
     }
@@ -155,11 +163,26 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
         rendered.elapsed.as_secs_f64(),
         samples as f64 / rendered.elapsed.as_secs_f64() / 1e6
     );
+    if let Some(margin) = &rendered.margin {
+        tracing::info!("{margin}");
+    }
+    if let (Stop::Time(limit), None) = (stop, interruption.of()) {
+        let off = rendered.elapsed.as_secs_f64() / limit.as_secs_f64() - 1.0;
+        if off.abs() > TIME_TOLERANCE {
+            tracing::warn!(
+                "{:+.0} % off the time asked for: a frame takes too long; choose a smaller --size",
+                100.0 * off
+            );
+        }
+    }
     if arguments.output != Path::new("-") {
         super::print(&format!("{}\n", shown(&arguments.output).display()))?;
     }
     Ok(interruption.of().unwrap_or(Exit::Ok))
 }
+
+/// `--time` is kept this well where frames are short enough.
+const TIME_TOLERANCE: f64 = 0.03;
 
 /// The budget of each frame, if one is asked for.
 fn budget_of(arguments: &RenderArguments) -> Result<Option<TimeBudget>, Usage> {
@@ -173,6 +196,23 @@ fn budget_of(arguments: &RenderArguments) -> Result<Option<TimeBudget>, Usage> {
         return Err(Usage(String::from(text)));
     }
     Ok(Some(TimeBudget::new(Duration::from_secs_f64(ms * 1e-3), &Settings::default())))
+}
+
+/// Where the heat map goes.
+fn heat_map_of(arguments: &RenderArguments) -> anyhow::Result<Option<Destination>> {
+    let Some(path) = &arguments.heat_map else { return Ok(None) };
+    if !matches!(format_of(path)?, Format::Png) {
+        return Err(Usage(format!("a heat map is a .png, not {}", path.display())).into());
+    }
+    if arguments.integrator == Integrator::RestirTemporal {
+        return Err(RenderError::NoMargin.into());
+    }
+    let destination = Destination::from(path.clone());
+    if matches!(destination, Destination::Stdout) && arguments.output == Path::new("-") {
+        return Err(Usage(String::from("only one of --output and --heat-map can be -")).into());
+    }
+    atomic::check(&destination)?;
+    Ok(Some(destination))
 }
 
 /// What has become of a budget: a warning where it was out of reach, all of it if `stats` are wanted.
@@ -192,10 +232,10 @@ fn tell_budget(budget: &TimeBudget, stats: bool) {
 
 /// Whether someone wants the picture now: the first SIGINT or SIGTERM ends rendering after the current frame, the second
 /// the process.
-struct Interruption(Arc<AtomicUsize>);
+pub struct Interruption(Arc<AtomicUsize>);
 
 impl Interruption {
-    fn listen() -> std::io::Result<Self> {
+    pub fn listen() -> std::io::Result<Self> {
         let (signal, again) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicBool::new(false)));
         for (number, exit) in [(SIGINT, Exit::Interrupted), (SIGTERM, Exit::Terminated)] {
             // In this order: the first signal arms what the second one meets.
@@ -207,7 +247,7 @@ impl Interruption {
     }
 
     /// How the process has to end then, once the picture is saved.
-    fn of(&self) -> Option<Exit> {
+    pub fn of(&self) -> Option<Exit> {
         let code = self.0.load(Ordering::Relaxed);
         [Exit::Interrupted, Exit::Terminated].into_iter().find(|exit| usize::from(exit.code()) == code)
     }
@@ -225,6 +265,7 @@ fn progress_bar(stop: Stop) -> ProgressBar {
     let (length, template) = match stop {
         Stop::Samples(n) => (u64::from(n), "{bar:40} {pos}/{len} samples a pixel, {eta} left"),
         Stop::Time(limit) => (limit.as_millis() as u64, "{bar:40} {eta} left"),
+        Stop::Error(_) => (0, "{pos} samples a pixel, {elapsed}"),
     };
     let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new(length).with_style(style)
