@@ -32,7 +32,7 @@ fn on_each_executor(scene: &Scene, knobs: &[&str], mut check: impl FnMut(&str, &
             let rendered = if technique == Technique::Still {
                 render(&packed, &request, backend, |_| true)
             } else {
-                render_real_time(&mut packed, &request, backend, |_| true)
+                render_real_time(&mut packed, &request, backend, None, |_| true)
             };
             let executor = if matches!(backend, Backend::Cpu(_)) { "CPU" } else { "GPU" };
             check(&format!("{executor}, {technique}, {knobs:?}"), &rendered.expect("a picture"));
