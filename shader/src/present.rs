@@ -1,0 +1,83 @@
+//! The picture on the screen: the last pass, and the only one that is drawn.
+
+use glam::{Vec2, Vec3, Vec4};
+use weir_shared::{numerics::load, tonemap::decode_srgb, window::Window};
+
+/// The corner `index` of a triangle that covers the whole target.
+pub fn corner(index: u32) -> Vec4 {
+    let x = if index == 1 { 3.0 } else { -1.0 };
+    let y = if index == 2 { 3.0 } else { -1.0 };
+    Vec4::new(x, y, 0.0, 1.0)
+}
+
+fn color(packed: u32) -> Vec3 {
+    let byte = |shift: u32| ((packed >> shift) & 0xff) as f32 * (1.0 / 255.0);
+    Vec3::new(byte(0), byte(8), byte(16))
+}
+
+/// The colour of a pixel of the target whose middle is at `target`: of the picture `left` or, beyond the divider, of
+/// `right`, both 8-bit sRGB with red in the low byte.
+pub fn present(target: Vec2, window: &Window, left: &[u32], right: &[u32]) -> Vec4 {
+    let beyond = target.x - window.divider_px;
+    if window.divided != 0 && beyond > -1.0 && beyond < 1.0 {
+        return Vec4::ONE;
+    }
+    let blend = window.blend_at(target);
+    let at = |index: u32| color(if beyond < 0.0 { load(left, index) } else { load(right, index) });
+    let top = at(blend.pixels[0]) * (1.0 - blend.share.x) + at(blend.pixels[1]) * blend.share.x;
+    let bottom = at(blend.pixels[2]) * (1.0 - blend.share.x) + at(blend.pixels[3]) * blend.share.x;
+    let encoded = top * (1.0 - blend.share.y) + bottom * blend.share.y;
+    if window.linear_target == 0 {
+        return encoded.extend(1.0);
+    }
+    Vec4::new(decode_srgb(encoded.x), decode_srgb(encoded.y), decode_srgb(encoded.z), 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RED: u32 = 0xff00_00ff;
+    const BLUE: u32 = 0xffff_0000;
+
+    fn window() -> Window {
+        Window { width: 2, height: 1, step_x: 1.0, step_y: 1.0, divider_px: 1e9, smooth: 1, ..Window::default() }
+    }
+
+    #[test]
+    fn the_divider_parts_two_pictures() {
+        let (left, right) = ([RED; 2], [BLUE; 2]);
+        let window = Window { divider_px: 1.0, ..window() };
+        assert_eq!(present(Vec2::new(0.5, 0.5), &window, &left, &right), Vec4::new(1.0, 0.0, 0.0, 1.0));
+        assert_eq!(present(Vec2::new(1.5, 0.5), &window, &left, &right), Vec4::new(0.0, 0.0, 1.0, 1.0));
+        let marked = Window { divided: 1, ..window };
+        assert_eq!(present(Vec2::new(0.5, 0.5), &marked, &left, &right), Vec4::ONE);
+    }
+
+    #[test]
+    fn colors_blend_between_pixels_only_where_asked() {
+        let picture = [RED, BLUE];
+        let between = Vec2::new(1.0, 0.5);
+        assert_eq!(present(between, &window(), &picture, &picture), Vec4::new(0.5, 0.0, 0.5, 1.0));
+        let nearest = Window { smooth: 0, ..window() };
+        assert_eq!(present(between, &nearest, &picture, &picture), Vec4::new(0.0, 0.0, 1.0, 1.0));
+    }
+
+    #[test]
+    fn a_target_that_encodes_gets_linear_colors() {
+        let grey = [0xff80_8080; 2];
+        let place = Vec2::new(0.5, 0.5);
+        let linear = present(place, &Window { linear_target: 1, ..window() }, &grey, &grey);
+        assert!((linear.x - 0.215_86).abs() < 1e-4, "{linear}");
+        assert!((present(place, &window(), &grey, &grey).x - 128.0 / 255.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn the_triangle_covers_every_corner_of_the_target() {
+        let [a, b, c] = [0, 1, 2].map(|i| corner(i).truncate().truncate());
+        for p in [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)].map(Vec2::from) {
+            let side = |from: Vec2, to: Vec2| (to - from).perp_dot(p - from);
+            assert!(side(a, b) >= 0.0 && side(b, c) >= 0.0 && side(c, a) >= 0.0, "{p}");
+        }
+    }
+}
