@@ -54,11 +54,11 @@ impl Window {
         let x = (target.x - self.left_px) * self.step_x - 0.5;
         let y = (target.y - self.top_px) * self.step_y - 0.5;
         // The nearest pixel is the one whose middle is less than half a pixel away.
-        let nearest = if self.smooth != 0 { 0.0 } else { 0.5 };
+        let (nearest, blends) = if self.smooth != 0 { (0.0, 1.0) } else { (0.5, 0.0) };
         let x = clamp(x + nearest, 0.0, right as f32);
         let y = clamp(y + nearest, 0.0, bottom as f32);
         let (left, top) = (floor(x), floor(y));
-        let share = if self.smooth != 0 { Vec2::new(x - left, y - top) } else { Vec2::ZERO };
+        let share = Vec2::new((x - left) * blends, (y - top) * blends);
         let (left, top) = ((left as u32).min(right), (top as u32).min(bottom));
         let (next, below) = (left.wrapping_add(1).min(right), top.wrapping_add(1).min(bottom));
         let (row, row_below) = (top.wrapping_mul(self.width), below.wrapping_mul(self.width));
