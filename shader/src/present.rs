@@ -19,18 +19,19 @@ fn color(packed: u32) -> Vec3 {
 /// `right`, both 8-bit sRGB with red in the low byte.
 pub fn present(target: Vec2, window: &Window, left: &[u32], right: &[u32]) -> Vec4 {
     let beyond = target.x - window.divider_px;
-    if window.divided != 0 && beyond > -1.0 && beyond < 1.0 {
-        return Vec4::ONE;
-    }
+    let is_line = window.divided != 0 && beyond > -1.0 && beyond < 1.0;
     let blend = window.blend_at(target);
     let at = |index: u32| color(if beyond < 0.0 { load(left, index) } else { load(right, index) });
-    let top = at(blend.pixels[0]) * (1.0 - blend.share.x) + at(blend.pixels[1]) * blend.share.x;
-    let bottom = at(blend.pixels[2]) * (1.0 - blend.share.x) + at(blend.pixels[3]) * blend.share.x;
-    let encoded = top * (1.0 - blend.share.y) + bottom * blend.share.y;
-    if window.linear_target == 0 {
-        return encoded.extend(1.0);
-    }
-    Vec4::new(decode_srgb(encoded.x), decode_srgb(encoded.y), decode_srgb(encoded.z), 1.0)
+    let (x, y) = (blend.share.x, blend.share.y);
+    let top = at(blend.pixels[0]) * (1.0 - x) + at(blend.pixels[1]) * x;
+    let bottom = at(blend.pixels[2]) * (1.0 - x) + at(blend.pixels[3]) * x;
+    let encoded = top * (1.0 - y) + bottom * y;
+    // Numbers are chosen here, never vectors: a choice between places in memory is none that a GPU can make.
+    let channel = |encoded: f32| {
+        let value = if window.linear_target != 0 { decode_srgb(encoded) } else { encoded };
+        if is_line { 1.0 } else { value }
+    };
+    Vec4::new(channel(encoded.x), channel(encoded.y), channel(encoded.z), 1.0)
 }
 
 #[cfg(test)]
