@@ -1,7 +1,11 @@
 //! The picture on the screen: the last pass, and the only one that is drawn.
 
 use glam::{Vec2, Vec3, Vec4};
-use weir_shared::{numerics::load, tonemap::decode_srgb, window::Window};
+use weir_shared::{
+    numerics::{load, max},
+    tonemap::decode_srgb,
+    window::Window,
+};
 
 /// The corner `index` of a triangle that covers the whole target.
 pub fn corner(index: u32) -> Vec4 {
@@ -11,8 +15,16 @@ pub fn corner(index: u32) -> Vec4 {
 }
 
 fn color(packed: u32) -> Vec3 {
-    let byte = |shift: u32| ((packed >> shift) & 0xff) as f32 * (1.0 / 255.0);
-    Vec3::new(byte(0), byte(8), byte(16))
+    let (red, green, blue) = (packed & 0xff, (packed >> 8) & 0xff, (packed >> 16) & 0xff);
+    Vec3::new(red as f32, green as f32, blue as f32) * (1.0 / 255.0)
+}
+
+fn pixel(first: bool, left: &[u32], right: &[u32], index: u32) -> Vec3 {
+    color(if first { load(left, index) } else { load(right, index) })
+}
+
+fn channel(encoded: f32, linear_target: u32) -> f32 {
+    if linear_target != 0 { decode_srgb(encoded) } else { encoded }
 }
 
 /// The colour of a pixel of the target whose middle is at `target`: of the picture `left` or, beyond the divider, of
@@ -20,18 +32,20 @@ fn color(packed: u32) -> Vec3 {
 pub fn present(target: Vec2, window: &Window, left: &[u32], right: &[u32]) -> Vec4 {
     let beyond = target.x - window.divider_px;
     let is_line = window.divided != 0 && beyond > -1.0 && beyond < 1.0;
+    let first = beyond < 0.0;
     let blend = window.blend_at(target);
-    let at = |index: u32| color(if beyond < 0.0 { load(left, index) } else { load(right, index) });
     let (x, y) = (blend.share.x, blend.share.y);
-    let top = at(blend.pixels[0]) * (1.0 - x) + at(blend.pixels[1]) * x;
-    let bottom = at(blend.pixels[2]) * (1.0 - x) + at(blend.pixels[3]) * x;
+    let top = pixel(first, left, right, blend.pixels[0]) * (1.0 - x) + pixel(first, left, right, blend.pixels[1]) * x;
+    let bottom =
+        pixel(first, left, right, blend.pixels[2]) * (1.0 - x) + pixel(first, left, right, blend.pixels[3]) * x;
     let encoded = top * (1.0 - y) + bottom * y;
-    // Numbers are chosen here, never vectors: a choice between places in memory is none that a GPU can make.
-    let channel = |encoded: f32| {
-        let value = if window.linear_target != 0 { decode_srgb(encoded) } else { encoded };
-        if is_line { 1.0 } else { value }
-    };
-    Vec4::new(channel(encoded.x), channel(encoded.y), channel(encoded.z), 1.0)
+    let line = if is_line { 1.0 } else { 0.0 };
+    Vec4::new(
+        max(channel(encoded.x, window.linear_target), line),
+        max(channel(encoded.y, window.linear_target), line),
+        max(channel(encoded.z, window.linear_target), line),
+        1.0,
+    )
 }
 
 #[cfg(test)]
