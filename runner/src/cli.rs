@@ -4,6 +4,7 @@ mod check;
 mod info;
 mod open;
 mod render;
+mod view;
 
 use std::{fmt::Write as _, io::Write as _, path::PathBuf};
 
@@ -19,7 +20,7 @@ use weir::{
 
 /// Real-time rendering of scenes with one to millions of lights, by reservoir resampling.
 ///
-/// Without a command, draws the default scene to weir.png.
+/// Without a command, shows the default scene in a window; without a display, draws it to weir.png.
 #[derive(Debug, Parser)]
 #[command(version, after_long_help = knobs())]
 pub struct Arguments {
@@ -29,6 +30,9 @@ pub struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Open a window on a scene: fly through it, move its lights, change every knob
+    #[command(after_long_help = knobs())]
+    View(ViewArguments),
     /// Draw a picture: .png (tone-mapped) or .exr (linear, with layers)
     #[command(after_long_help = knobs())]
     Render(RenderArguments),
@@ -159,6 +163,36 @@ struct RenderArguments {
     stats: bool,
 }
 
+#[derive(Debug, Args)]
+struct ViewArguments {
+    #[command(flatten)]
+    scene: SceneArguments,
+    #[command(flatten)]
+    backend: BackendArguments,
+    /// Size of the window, in pixels
+    #[arg(long, value_name = "WxH", default_value = "1280x720")]
+    size: Size,
+    /// Pixels of the picture to one of the window, in each direction; 1 on a GPU, 0.25 on the CPU
+    #[arg(long, value_name = "FACTOR")]
+    scale: Option<f32>,
+    /// Seed of all random numbers
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u32,
+    /// End after so many pictures, or when the picture is good enough
+    #[arg(long, value_name = "N")]
+    frames: Option<u32>,
+    /// What the window shows at the end of `--frames`, as PNG
+    #[arg(long, value_name = "FILE", requires = "frames")]
+    screenshot: Option<PathBuf>,
+    /// Every picture as PNG into this folder; the animation takes a thirtieth of a second from one to the next
+    #[arg(long, value_name = "DIR")]
+    record: Option<PathBuf>,
+    /// Events from a file in place of a person's: `key F1`, `drag left 40 -10`, `press NAME`, `resize 640 480`,
+    /// `drop FILE`, `wait FRAMES`, `screenshot FILE`, `quit`
+    #[arg(long, value_name = "FILE")]
+    script: Option<PathBuf>,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Integrator {
     /// Independent frames, each with resampled candidates and spatial reuse
@@ -248,7 +282,9 @@ fn print(text: &str) -> anyhow::Result<()> {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     match &arguments.command {
+        None if weir::view::app::has_display() => view::default_scene(),
         None => render::default_scene(),
+        Some(Command::View(arguments)) => view::run(arguments),
         Some(Command::Render(arguments)) => render::run(arguments),
         Some(Command::Check(arguments)) => check::run(arguments),
         Some(Command::Graph(arguments)) => {

@@ -13,21 +13,19 @@ use weir_shared::{
 };
 
 use crate::{
-    executor::{
-        AlignedBytes, SceneBuffers,
-        cpu::{CpuExecutor, Order},
-        gpu::{Gpu, GpuError, GpuExecutor, Loader, Module},
-    },
+    executor::{Executor, cpu::CpuExecutor, gpu::GpuError},
     exit::{Exit, HasExit},
     graph::{Facts, GraphError, Plan},
     output::{Layers, Picture},
-    packed::{Changed, PackError, PackedScene},
+    packed::{PackError, PackedScene},
     reference::{Estimate, Reference},
     scene::Camera,
     sequence::Sequence,
     settings::Settings,
     technique::{Technique, ToneCurve, direct_light},
 };
+
+pub use crate::executor::Backend;
 
 /// When a picture is done.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,14 +57,6 @@ pub struct Request {
     pub technique: Technique,
     /// Knobs.
     pub settings: Settings,
-}
-
-/// Who computes.
-pub enum Backend<'a> {
-    /// The host's threads, in the given order.
-    Cpu(Order),
-    /// A GPU.
-    Gpu(&'a Gpu),
 }
 
 /// A picture, and what it took.
@@ -168,67 +158,6 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
 /// What the plan of a request depends on.
 pub fn facts_of(packed: &PackedScene, width: u32, height: u32, settings: &Settings) -> Facts {
     Facts { width, height, reservoirs: settings.reservoirs, has: packed.has(), features: packed.features.clone() }
-}
-
-/// An executor of either kind.
-enum Executor {
-    Cpu(Box<CpuExecutor>),
-    Gpu(Box<GpuExecutor>),
-}
-
-impl Executor {
-    fn new(backend: &Backend<'_>, plan: &Plan, scene: SceneBuffers<'_>) -> Result<Self, GpuError> {
-        Ok(match backend {
-            Backend::Cpu(order) => {
-                let mut executor = CpuExecutor::new(plan);
-                executor.order = *order;
-                Self::Cpu(Box::new(executor))
-            }
-            Backend::Gpu(gpu) => Self::Gpu(Box::new(GpuExecutor::new(gpu, plan, scene, Loader::Auto, Module::Plain)?)),
-        })
-    }
-
-    /// Runs a frame; on a GPU it may still be under way afterwards.
-    fn run(
-        &mut self,
-        plan: &Plan,
-        scene: SceneBuffers<'_>,
-        frames: &FramePair,
-    ) -> Result<Vec<(&'static str, Duration)>, GpuError> {
-        match self {
-            Self::Cpu(executor) => Ok(executor.run(plan, scene, frames)),
-            Self::Gpu(executor) => {
-                executor.run(frames)?;
-                Ok(executor.last_times().to_vec())
-            }
-        }
-    }
-
-    /// Tells the executor what of the scene has changed.
-    fn update(&mut self, scene: SceneBuffers<'_>, changed: Vec<Changed>) -> Result<(), GpuError> {
-        if let Self::Gpu(executor) = self {
-            for Changed { buffer, range } in changed {
-                executor.update_scene(buffer, range.start as u64, &scene.bytes(buffer)[range])?;
-            }
-        }
-        Ok(())
-    }
-
-    fn read(&mut self, plan: &Plan, name: &str) -> Result<AlignedBytes, GpuError> {
-        match self {
-            Self::Cpu(executor) => {
-                Ok(AlignedBytes::from_bytes(executor.output(plan, name).expect("the plan has this output")))
-            }
-            Self::Gpu(executor) => executor.read(name),
-        }
-    }
-
-    fn finish(&mut self) -> Result<(), GpuError> {
-        match self {
-            Self::Cpu(_) => Ok(()),
-            Self::Gpu(executor) => executor.finish(),
-        }
-    }
 }
 
 /// Whether a picture is done after `frames` of it, of which the last may be under way.
@@ -393,7 +322,7 @@ pub fn render_reference(
 }
 
 /// Exposed radiance as 8-bit sRGB.
-fn display_of(exposed: Vec3, curve: ToneCurve) -> u32 {
+pub(crate) fn display_of(exposed: Vec3, curve: ToneCurve) -> u32 {
     use weir_shared::tonemap::{curve as number, pack_srgb, tone_map};
     pack_srgb(match curve {
         ToneCurve::Clip => tone_map::<{ number::CLIP }>(exposed),
