@@ -51,6 +51,11 @@ impl<S: BorrowMut<PackedScene>> Sequence<S> {
         Shot { moment: Moment { time_s, ..Moment::default() }, camera: self.request.camera }
     }
 
+    /// The number of the next frame, which its random numbers are keyed by.
+    pub fn start_at(&mut self, index: u32) {
+        self.index = index;
+    }
+
     /// Forgets the past, as after a cut.
     pub fn cut(&mut self) {
         self.last = None;
