@@ -1,6 +1,6 @@
 //! From the words on the command line to a packed scene.
 
-use std::time::Instant;
+use std::{path::Path, time::Instant};
 
 use weir::{
     packed::PackedScene,
@@ -61,10 +61,18 @@ pub fn read(arguments: &SceneArguments) -> anyhow::Result<(Scene, Settings)> {
     Ok((scene, settings))
 }
 
+/// A camera from a file, or from the text itself.
+pub fn load_camera(words: &Path) -> Result<Camera, SceneError> {
+    match words.to_str().filter(|text| text.starts_with('{')) {
+        Some(text) => camera::parse(text.as_bytes(), "--camera"),
+        None => camera::load(words),
+    }
+}
+
 /// The camera of `--camera`, or else the scene's, or else one that sees all of it.
 pub fn camera_of(arguments: &SceneArguments, scene: &Scene) -> Result<Camera, SceneError> {
     match (&arguments.camera, scene.camera) {
-        (Some(path), _) => camera::load(path),
+        (Some(path), _) => load_camera(path),
         (None, Some(camera)) => Ok(camera),
         (None, None) => scene
             .bounds()

@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use glam::UVec2;
+use weir::executor::cpu::CpuExecutor;
 use weir::{
     exit::{Exit, Usage},
     graph::Life,
@@ -10,7 +11,6 @@ use weir::{
     sequence::Sequence,
     technique::{RESOURCES, Technique, ToneCurve, direct_light},
 };
-use weir::executor::cpu::CpuExecutor;
 
 use super::{PixelArguments, no_passes, open};
 

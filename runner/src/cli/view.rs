@@ -6,7 +6,6 @@ use anyhow::Context;
 use clap::Parser;
 use weir::{
     exit::{Exit, Usage},
-    scene::camera,
     view::{
         app::{self, Options, Processor},
         script,
@@ -53,7 +52,7 @@ pub fn run(arguments: &ViewArguments) -> anyhow::Result<Exit> {
     state.settings.check()?;
     state.time_s = state.settings.time_s;
     state.seed = arguments.seed;
-    let camera = arguments.scene.camera.as_deref().map(camera::load).transpose()?;
+    let camera = arguments.scene.camera.as_deref().map(open::load_camera).transpose()?;
     app::run(Options {
         state,
         camera,

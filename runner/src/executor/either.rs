@@ -114,4 +114,13 @@ impl Executor {
             Self::Gpu(executor) => executor.finish(),
         }
     }
+
+    /// Times of the passes of the last frame. `returned` is what [`Executor::run`] returned, which on a GPU are those of
+    /// a frame before.
+    pub fn last_times(&self, returned: Vec<(&'static str, Duration)>) -> Vec<(&'static str, Duration)> {
+        match self {
+            Self::Cpu(_) => returned,
+            Self::Gpu(executor) => executor.last_times().to_vec(),
+        }
+    }
 }

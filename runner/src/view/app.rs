@@ -326,6 +326,9 @@ impl App {
                     tracing::info!("first picture after {:.2} s", self.started.elapsed().as_secs_f64());
                 }
                 self.state.stats.add(outbox.frame_time, &frames.times);
+                if let Some(budget) = frames.budget {
+                    self.state.stats.add_budget(budget.frame, budget.level);
+                }
                 self.state.frames = Some(frames);
             }
             let now = Instant::now();

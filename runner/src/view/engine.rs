@@ -1,6 +1,9 @@
 //! Frames of the viewer: which kind comes next, on which processor, of which scene.
 
-use std::{sync::Arc, time::Duration};
+use std::{
+    sync::Arc,
+    time::{Duration, Instant},
+};
 
 use glam::{UVec2, Vec3};
 use thiserror::Error;
@@ -20,15 +23,17 @@ use super::{
     want::{Compare, Want},
 };
 use crate::{
+    budget::{Counts, TimeBudget},
     executor::{
         AlignedBytes, Executor, SceneBuffers,
         cpu::CpuExecutor,
         gpu::{Gpu, GpuError, GpuExecutor, GpuScene, Loader, Module},
     },
     graph::{GraphError, Plan},
+    margin::Batches,
     packed::{Changed, Moment, PackError, PackedScene},
     reference::{Estimate, Reference},
-    render::{Request, Stop, display_of, facts_of, frame_of},
+    render::{Request, Stop, display_of, facts_of, frame_of, pixel_moments},
     scene::{Camera, Scene, bounds::Bounds, choice::Choice, error::SceneError},
     sequence::{Sequence, Shot},
     settings::Settings,
@@ -119,6 +124,21 @@ pub struct Frames {
     pub reference_samples: u64,
     /// The pixel that is inspected.
     pub inspected: Option<Inspected>,
+    /// What has become of the time budget, where there is one.
+    pub budget: Option<BudgetFacts>,
+}
+
+/// A time budget and what it has come to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BudgetFacts {
+    /// The time that the frame took.
+    pub frame: Duration,
+    /// The rung of the settings that made it, from 0.
+    pub level: usize,
+    /// Frames so far, and those within the budget.
+    pub counts: Counts,
+    /// Whether even the cheapest settings take longer.
+    pub out_of_reach: bool,
 }
 
 /// A pixel, as the buffers have it.
@@ -211,6 +231,10 @@ pub struct Engine {
     key: Option<Key>,
     dynamic: bool,
     facts: SceneFacts,
+    /// Frames of the still in batches, which say how far off it is.
+    batches: Option<Batches>,
+    /// The time budget, and the settings that it started from.
+    budget: Option<(TimeBudget, Settings)>,
 }
 
 impl Engine {
@@ -257,6 +281,8 @@ impl Engine {
             key: None,
             dynamic: false,
             facts,
+            batches: None,
+            budget: None,
         })
     }
 
@@ -397,14 +423,68 @@ impl Engine {
             Mode::RealTime => (Technique::RealTime, 0),
             Mode::Still(samples) => (Technique::Still, samples),
         };
-        let request = self.request(want, technique);
+        let start = Instant::now();
+        let mut request = self.request(want, technique);
+        self.keep_budget(want);
+        if let Some((budget, _)) = self.budget.as_ref().filter(|_| technique == Technique::RealTime) {
+            request.settings = budget.settings().clone();
+        }
         let (frames, changed) = if technique == Technique::RealTime {
             self.sequence.request = request.clone();
             self.sequence.next(&Shot { moment, camera: want.camera })?
         } else {
             (self.sequence.independent(&request, samples), Vec::new())
         };
-        self.show(want, &request, &frames, changed).map(Some)
+        let mut made = self.show(want, &request, &frames, changed)?;
+        if let Some((budget, _)) = self.budget.as_mut().filter(|_| technique == Technique::RealTime) {
+            let level = budget.level();
+            self.real_time.as_mut().map_or(Ok(()), |chain| chain.executor.finish())?;
+            let frame = start.elapsed();
+            budget.observe(frame);
+            let (counts, out_of_reach) = (budget.counts(), budget.is_out_of_reach());
+            made.budget = Some(BudgetFacts { frame, level, counts, out_of_reach });
+        }
+        Ok(Some(made))
+    }
+
+    /// Makes, changes or lets go of the time budget.
+    fn keep_budget(&mut self, want: &Want) {
+        let Some(ms) = want.budget_ms else {
+            self.budget = None;
+            return;
+        };
+        let wanted = Duration::from_secs_f32(ms / 1e3);
+        match &mut self.budget {
+            Some((budget, base)) => {
+                if base != &want.settings {
+                    budget.set_base(&want.settings);
+                    base.clone_from(&want.settings);
+                }
+                if budget.budget().abs_diff(wanted) > Duration::from_micros(10) {
+                    budget.set_budget(wanted);
+                }
+            }
+            None => self.budget = Some((TimeBudget::new(wanted, &want.settings), want.settings.clone())),
+        }
+    }
+
+    /// How far the still is off, where another batch of its frames is full.
+    fn measure(&mut self, accumulated: u32) -> Result<(), GpuError> {
+        let Some(chain) = &mut self.still else { return Ok(()) };
+        if accumulated == 1 {
+            let pixels = chain.plan.facts.width as usize * chain.plan.facts.height as usize;
+            self.batches = Some(Batches::new(pixels, None));
+        }
+        let Some(batches) = self.batches.as_mut().filter(|batches| batches.due_in(accumulated) == 0) else {
+            return Ok(());
+        };
+        let moments = chain.executor.read(&chain.plan, "moments")?;
+        let moments: Vec<_> = moments.elements::<Moments>().iter().map(pixel_moments).collect();
+        batches.add(accumulated, |pixel| moments[pixel]);
+        if let Some(margin) = batches.margin(accumulated, &moments) {
+            self.accumulation.measured(100.0 * margin.error as f32);
+        }
+        Ok(())
     }
 
     /// Computes a frame and what is shown of it.
@@ -431,15 +511,19 @@ impl Engine {
             frames.now.has_history = 0;
         }
         let times = chain.executor.run(&chain.plan, scene, &frames)?;
-        if frames.now.accumulated % 8 == 0 || frames.now.accumulated < 16 {
-            let sampled = sample(chain, request)?;
-            if want.auto_exposure {
-                self.exposure = exposure::adapted(self.exposure, sampled, want.exposure);
-            }
-            if request.technique == Technique::Still {
-                self.accumulation.measured(sampled.error_percent);
-            }
+        if want.auto_exposure && (frames.now.accumulated % 8 == 0 || frames.now.accumulated < 16) {
+            let mean = log_mean(chain, request)?;
+            self.exposure = exposure::adapted(self.exposure, mean, want.exposure);
         }
+        if request.technique == Technique::Still {
+            self.measure(frames.now.accumulated + 1)?;
+        }
+        let (sequence, place) = (&mut self.sequence, &self.place);
+        let chain = match request.technique {
+            Technique::RealTime => &mut self.real_time,
+            _ => &mut self.still,
+        };
+        let chain = chain.as_mut().expect("made above");
         if self.estimates.len() != (request.width * request.height) as usize {
             self.estimates = vec![Estimate::default(); (request.width * request.height) as usize];
         }
@@ -485,6 +569,7 @@ impl Engine {
             rays: rays(&chain.plan, &request.settings),
             reference_samples: self.estimates.first().map_or(0, |e| e.count),
             inspected,
+            budget: None,
         })
     }
 
@@ -680,12 +765,12 @@ fn rays(plan: &Plan, settings: &Settings) -> u32 {
 }
 
 /// Looks at some rows of the picture.
-fn sample(chain: &mut Chain, request: &Request) -> Result<exposure::Sampled, GpuError> {
+fn log_mean(chain: &mut Chain, request: &Request) -> Result<Option<f32>, GpuError> {
     let row_bytes = u64::from(request.width) * size_of::<Moments>() as u64;
     let rows = exposure::rows(request.height);
     let parts: Vec<_> = rows.iter().map(|&y| u64::from(y) * row_bytes..u64::from(y + 1) * row_bytes).collect();
     let bytes = chain.executor.read_parts(&chain.plan, "moments", &parts)?;
-    Ok(exposure::sampled(bytes.elements()))
+    Ok(exposure::log_mean(bytes.elements()))
 }
 
 fn pixels_of(chain: &mut Chain) -> Result<Pixels, GpuError> {

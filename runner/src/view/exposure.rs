@@ -10,15 +10,6 @@ const GREY: f32 = 0.18;
 /// Share of the way that each look goes.
 const SPEED: f32 = 0.25;
 
-/// What some rows of a picture say of all of it.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Sampled {
-    /// Mean luminance of pixels that are not black, averaged as logarithms; none if all are.
-    pub log_mean: Option<f32>,
-    /// Standard error of the pixels over their mean, both summed over the rows, in percent.
-    pub error_percent: f32,
-}
-
 fn luminance(rgb: Vec3) -> f32 {
     rgb.dot(Vec3::new(0.2126, 0.7152, 0.0722))
 }
@@ -29,28 +20,16 @@ pub fn rows(height: u32) -> Vec<u32> {
     (0..count).map(|i| (2 * i + 1) * height / (2 * count)).collect()
 }
 
-/// Looks at pixels.
-pub fn sampled(pixels: &[Moments]) -> Sampled {
-    let (mut logs, mut lit) = (0.0_f64, 0_u32);
-    let (mut deviation, mut sum) = (0.0_f64, 0.0_f64);
-    for pixel in pixels {
-        let value = luminance(pixel.mean());
-        if value > 1e-6 && value.is_finite() {
-            logs += f64::from(value.ln());
-            lit += 1;
-            sum += f64::from(value);
-        }
-        deviation += f64::from(luminance(pixel.variance_of_mean()).max(0.0).sqrt());
-    }
-    Sampled {
-        log_mean: (lit > 0).then(|| (logs / f64::from(lit)).exp() as f32),
-        error_percent: if sum > 0.0 { (100.0 * deviation / sum) as f32 } else { 0.0 },
-    }
+/// Mean luminance of pixels that are not black, averaged as logarithms; none if all are.
+pub fn log_mean(pixels: &[Moments]) -> Option<f32> {
+    let lit = pixels.iter().map(|pixel| luminance(pixel.mean())).filter(|value| *value > 1e-6 && value.is_finite());
+    let (sum, count) = lit.fold((0.0_f64, 0_u32), |(sum, count), value| (sum + f64::from(value.ln()), count + 1));
+    (count > 0).then(|| (sum / f64::from(count)).exp() as f32)
 }
 
 /// The next exposure on the way to a grey picture; `factor` is what the user wants beyond that.
-pub fn adapted(exposure: f32, sampled: Sampled, factor: f32) -> f32 {
-    let Some(mean) = sampled.log_mean else { return exposure };
+pub fn adapted(exposure: f32, log_mean: Option<f32>, factor: f32) -> f32 {
+    let Some(mean) = log_mean else { return exposure };
     let wanted = (factor * GREY / mean).clamp(1e-8, 1e8);
     let next = exposure * (wanted / exposure).powf(SPEED);
     if next.is_finite() && next > 0.0 { next } else { wanted }
@@ -69,7 +48,7 @@ mod tests {
         for value in [1e-4, 0.3, 5e3] {
             let mut exposure = 1.0;
             for _ in 0..200 {
-                exposure = adapted(exposure, sampled(&pixels(value, 9)), 1.0);
+                exposure = adapted(exposure, log_mean(&pixels(value, 9)), 1.0);
             }
             assert!((exposure * value / GREY - 1.0).abs() < 1e-3, "{value}: {exposure}");
         }
@@ -77,20 +56,8 @@ mod tests {
 
     #[test]
     fn a_black_picture_leaves_the_exposure_alone() {
-        assert_eq!(adapted(3.0, sampled(&pixels(0.0, 4)), 1.0), 3.0);
-        assert_eq!(adapted(3.0, sampled(&[]), 1.0), 3.0);
-    }
-
-    #[test]
-    fn the_error_is_that_of_the_mean() {
-        let mut pixel = Moments::default();
-        for value in [1.0, 3.0, 1.0, 3.0] {
-            pixel = pixel.with(Vec3::splat(value));
-        }
-        // Deviation 4, so a variance of the mean of 4 / (4 * 3).
-        let expected = 100.0 * (1.0_f32 / 3.0).sqrt() / 2.0;
-        assert!((sampled(&[pixel; 5]).error_percent - expected).abs() < 0.01);
-        assert_eq!(sampled(&pixels(2.0, 5)).error_percent, 0.0);
+        assert_eq!(adapted(3.0, log_mean(&pixels(0.0, 4)), 1.0), 3.0);
+        assert_eq!(adapted(3.0, log_mean(&[]), 1.0), 3.0);
     }
 
     #[test]

@@ -74,6 +74,10 @@ pub struct State {
     pub accumulate: bool,
     /// Error at which a still is good enough, in percent.
     pub goal_percent: f32,
+    /// Whether knobs give way for a time budget.
+    pub budgeted: bool,
+    /// That budget, in milliseconds.
+    pub budget_ms: f32,
     /// Which buffer is shown.
     pub view: View,
     /// With what the picture is compared.
@@ -161,6 +165,8 @@ impl State {
             auto_exposure: false,
             accumulate: true,
             goal_percent: 1.0,
+            budgeted: false,
+            budget_ms: 100.0,
             view: View::Picture,
             compare: Compare::Off,
             divider: 0.5,
@@ -236,6 +242,7 @@ impl State {
             time_s: self.time_s,
             accumulate: self.accumulate,
             goal_percent: self.goal_percent,
+            budget_ms: self.budgeted.then_some(self.budget_ms),
             view: self.view,
             compare: self.compare,
             inspect: self.inspect.filter(|_| self.inspecting),

@@ -14,6 +14,8 @@ pub struct Stats {
     pub frame_ms: VecDeque<f64>,
     /// Milliseconds of each pass, smoothed, in the order of the frame.
     pub passes: Vec<(&'static str, f64)>,
+    /// Milliseconds and rung of the last frames under a time budget, the newest last.
+    pub budget: VecDeque<(f64, usize)>,
     smoothed_ms: Option<f64>,
 }
 
@@ -37,6 +39,14 @@ impl Stats {
         for ((_, smoothed), (_, time)) in self.passes.iter_mut().zip(times) {
             *smoothed = blended(Some(*smoothed), time.as_secs_f64() * 1e3);
         }
+    }
+
+    /// One more frame under a time budget.
+    pub fn add_budget(&mut self, frame: Duration, level: usize) {
+        if self.budget.len() == FRAMES {
+            self.budget.pop_front();
+        }
+        self.budget.push_back((frame.as_secs_f64() * 1e3, level));
     }
 
     /// Milliseconds of a frame, smoothed; 0 before the first.

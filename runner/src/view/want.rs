@@ -44,6 +44,8 @@ pub struct Want {
     pub accumulate: bool,
     /// Error at which the picture is good enough, in percent.
     pub goal_percent: f32,
+    /// Time that a frame in real time may take, in milliseconds; knobs give way for it.
+    pub budget_ms: Option<f32>,
     /// Which buffer.
     pub view: View,
     /// With what it is compared.

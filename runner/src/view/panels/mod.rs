@@ -1,5 +1,6 @@
 //! Panels: functions of the state, each for one group of things.
 
+mod budget;
 mod graph;
 mod inspector;
 mod light;
@@ -57,6 +58,7 @@ pub fn controls(ui: &mut Ui, state: &mut State) {
 /// What is measured.
 pub fn numbers(ui: &mut Ui, state: &mut State) {
     group(ui, "Time", true, |ui| timing::times(ui, state));
+    group(ui, "Time budget", state.budgeted, |ui| budget::budget(ui, state));
     group(ui, "Frame graph", true, |ui| graph::graph(ui, state));
     group(ui, "Pixel inspector", state.inspecting, |ui| inspector::inspector(ui, state));
 }
