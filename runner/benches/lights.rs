@@ -81,7 +81,7 @@ enum Frames<'a> {
     /// Independent frames of a scene that stands still.
     Still(&'a PackedScene, Frame),
     /// Frames that reuse each other, of a scene that moves.
-    RealTime(Sequence<'a>),
+    RealTime(Sequence<&'a mut PackedScene>),
 }
 
 struct Chain<'a> {

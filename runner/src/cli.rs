@@ -5,7 +5,9 @@ mod check;
 mod compare;
 mod info;
 mod open;
+mod pixel;
 mod render;
+mod view;
 
 use std::{fmt::Write as _, io::Write as _, path::PathBuf};
 
@@ -21,7 +23,7 @@ use weir::{
 
 /// Real-time rendering of scenes with one to millions of lights, by reservoir resampling.
 ///
-/// Without a command, draws the default scene to weir.png.
+/// Without a command, shows the default scene in a window; without a display, draws it to weir.png.
 #[derive(Debug, Parser)]
 #[command(version, after_long_help = knobs())]
 pub struct Arguments {
@@ -31,6 +33,9 @@ pub struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Open a window on a scene: fly through it, move its lights, change every knob
+    #[command(after_long_help = knobs())]
+    View(ViewArguments),
     /// Draw a picture: .png (tone-mapped) or .exr (linear, with layers)
     #[command(after_long_help = knobs())]
     Render(RenderArguments),
@@ -45,6 +50,11 @@ enum Command {
     Compare(compare::CompareArguments),
     /// Measure run time against error: scenes, methods and times; JSON, CSV and a report with plots
     Bench(Box<bench::BenchArguments>),
+    /// Compute a frame on the CPU and print all that its passes leave at one pixel
+    ///
+    /// Frames of stills are computed again exactly. One in real time depends on those before it: it gets a history of
+    /// `--history` frames of the same view.
+    Pixel(PixelArguments),
     /// Print the schedule of a frame: what runs, on which memory, what is left out and why
     Graph(GraphArguments),
     /// List the built-in scenes
@@ -60,8 +70,8 @@ enum Command {
 struct SceneArguments {
     /// An .obj file with its .mtl, or the name of a built-in scene (see `weir scenes`)
     scene: String,
-    /// Camera file: JSON with origin, target, up, vfov_deg
-    #[arg(long, value_name = "FILE")]
+    /// Camera: a file of JSON with origin, target, up, vfov_deg, or such text itself
+    #[arg(long, value_name = "FILE|JSON")]
     camera: Option<PathBuf>,
     /// Every surface Lambertian with Kd
     #[arg(long)]
@@ -211,6 +221,60 @@ struct RenderArguments {
     stats: bool,
 }
 
+#[derive(Debug, Args)]
+struct PixelArguments {
+    /// The pixel, from the upper left corner
+    #[arg(value_name = "X,Y")]
+    pixel: pixel::Pixel,
+    #[command(flatten)]
+    scene: SceneArguments,
+    /// Size of the frame
+    #[arg(long, value_name = "WxH", default_value = "1280x720")]
+    size: Size,
+    /// Number of the frame
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    frame: u32,
+    /// Frames before it, in real time
+    #[arg(long, value_name = "N", default_value_t = 16)]
+    history: u32,
+    /// Seed of all random numbers
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u32,
+    /// How light is computed
+    #[arg(long, value_enum, default_value_t = Integrator::RestirTemporal)]
+    integrator: Integrator,
+}
+
+#[derive(Debug, Args)]
+struct ViewArguments {
+    #[command(flatten)]
+    scene: SceneArguments,
+    #[command(flatten)]
+    backend: BackendArguments,
+    /// Size of the window, in pixels
+    #[arg(long, value_name = "WxH", default_value = "1280x720")]
+    size: Size,
+    /// Pixels of the picture to one of the window, in each direction; 1 on a GPU, 0.25 on the CPU
+    #[arg(long, value_name = "FACTOR")]
+    scale: Option<f32>,
+    /// Seed of all random numbers
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u32,
+    /// End after so many pictures, or when the picture is good enough
+    #[arg(long, value_name = "N")]
+    frames: Option<u32>,
+    /// What the window shows at the end of `--frames`, as PNG
+    #[arg(long, value_name = "FILE", requires = "frames")]
+    screenshot: Option<PathBuf>,
+    /// Every picture as PNG into this folder; the animation takes a thirtieth of a second from one to the next
+    #[arg(long, value_name = "DIR")]
+    record: Option<PathBuf>,
+    /// Events from a file in place of a person's: `key F1`, `drag left 40 -10`, `press NAME`, `resize 640 480`,
+    /// `drop FILE`, `wait FRAMES`, `screenshot FILE`, `quit`
+    #[arg(long, value_name = "FILE")]
+    script: Option<PathBuf>,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Integrator {
     /// Independent frames, each with resampled candidates and spatial reuse
@@ -300,7 +364,10 @@ fn print(text: &str) -> anyhow::Result<()> {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     match &arguments.command {
+        None if weir::view::app::has_display() => view::default_scene(),
         None => render::default_scene(),
+        Some(Command::View(arguments)) => view::run(arguments),
+        Some(Command::Pixel(arguments)) => pixel::run(arguments),
         Some(Command::Render(arguments)) => render::run(arguments),
         Some(Command::Check(arguments)) => check::run(arguments),
         Some(Command::Compare(arguments)) => compare::run(arguments),

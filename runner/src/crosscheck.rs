@@ -6,7 +6,7 @@
 
 mod report;
 
-use std::collections::BTreeMap;
+use std::{borrow::BorrowMut, collections::BTreeMap};
 
 use thiserror::Error;
 use weir_shader::wiring::{Access, Extent, Pass};
@@ -22,7 +22,7 @@ use crate::{
     },
     exit::{Exit, HasExit},
     graph::{Facts, GraphError, Plan, Planned, Slot},
-    packed::{Changed, PackError},
+    packed::{Changed, PackError, PackedScene},
     sequence::{Sequence, Shot},
     settings::Settings,
     technique::{RESOURCES, Technique, ToneCurve, direct_light_with},
@@ -77,7 +77,12 @@ impl HasExit for CheckError {
 ///
 /// # Errors
 /// If the size is refused, a shot can't be shown or the GPU fails. A difference is not an error, but in the report.
-pub fn check(gpu: &Gpu, what: &Check<'_>, sequence: &mut Sequence<'_>, shots: &[Shot]) -> Result<Report, CheckError> {
+pub fn check<S: BorrowMut<PackedScene>>(
+    gpu: &Gpu,
+    what: &Check<'_>,
+    sequence: &mut Sequence<S>,
+    shots: &[Shot],
+) -> Result<Report, CheckError> {
     let plan = unshared_plan(what)?;
     let scene = sequence.packed().buffers();
     let mut executor = GpuExecutor::new(gpu, &plan, scene, what.loader, what.module)?;

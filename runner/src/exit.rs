@@ -14,6 +14,7 @@ use crate::packed::PackError;
 use crate::render::RenderError;
 use crate::scene::{error::SceneError, export::ExportError};
 use crate::settings::SettingError;
+use crate::view::{app::ViewError, script::ScriptError};
 
 /// The exit codes of `weir`. 64 and above are those of BSD's `sysexits.h`, so that batch systems can act on them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -129,6 +130,8 @@ const KNOWN: &[fn(&(dyn Error + 'static)) -> Option<Exit>] = &[
     exit_of::<OutputError>,
     exit_of::<ReadError>,
     exit_of::<ExportError>,
+    exit_of::<ScriptError>,
+    exit_of::<ViewError>,
     exit_of::<io::Error>,
 ];
 

@@ -17,3 +17,4 @@ pub mod sequence;
 pub mod settings;
 pub mod shaders;
 pub mod technique;
+pub mod view;

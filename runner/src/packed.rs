@@ -236,6 +236,12 @@ impl PackedScene {
         self.advance(&Moment { time_s, ..Moment::default() })
     }
 
+    /// Turns the environment about the vertical, and multiplies its radiance; 0 switches it off. From the next frame on.
+    pub fn turn_environment(&mut self, rotation_deg: f32, scale: f32) {
+        (self.frame.environment_sin, self.frame.environment_cos) = rotation_deg.to_radians().sin_cos();
+        self.frame.environment_scale = scale;
+    }
+
     /// Whether anything moves over time.
     pub fn moves(&self) -> bool {
         self.dynamics.top.moves()
@@ -296,8 +302,7 @@ fn pack_environment(map: &Environment, frame: &mut Frame, lights: &mut Vec<u32>,
     texels.extend(map.texels.iter().flatten().map(|x| x.to_bits()));
     frame.environment_width = map.width;
     frame.environment_height = map.height;
-    let (sin, cos) = map.rotation_deg.to_radians().sin_cos();
-    (frame.environment_sin, frame.environment_cos) = (sin, cos);
+    (frame.environment_sin, frame.environment_cos) = map.rotation_deg.to_radians().sin_cos();
     frame.environment_scale = map.scale;
 }
 

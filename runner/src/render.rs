@@ -7,31 +7,26 @@ mod stop;
 use std::time::{Duration, Instant};
 
 use thiserror::Error;
-use weir_shared::{
-    frame::{Frame, FramePair},
-    moments::Moments,
-};
+use weir_shared::{frame::Frame, moments::Moments};
 
 use crate::{
     budget::TimeBudget,
-    executor::{
-        AlignedBytes, SceneBuffers,
-        cpu::{CpuExecutor, Order},
-        gpu::{Gpu, GpuError, GpuExecutor, Loader, Module},
-    },
+    executor::gpu::GpuError,
     exit::{Exit, HasExit},
     faults::Faults,
-    graph::{Facts, GraphError, Plan},
+    graph::{Facts, GraphError},
     margin::Margin,
     output::Picture,
-    packed::{Changed, PackError, PackedScene},
+    packed::{PackError, PackedScene},
     scene::Camera,
     sequence::Sequence,
     settings::Settings,
     technique::{Technique, ToneCurve, direct_light},
 };
 
+pub use crate::executor::{Backend, Executor};
 pub use layers::{camera_matrices, layers};
+pub(crate) use still::pixel_moments;
 pub use still::{display_of, render, render_reference};
 use stop::Clock;
 pub use stop::Stop;
@@ -57,14 +52,6 @@ pub struct Request {
     pub technique: Technique,
     /// Knobs.
     pub settings: Settings,
-}
-
-/// Who computes.
-pub enum Backend<'a> {
-    /// The host's threads, in the given order.
-    Cpu(Order),
-    /// A GPU.
-    Gpu(&'a Gpu),
 }
 
 /// A picture, and what it took.
@@ -174,76 +161,6 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
 /// What the plan of a request depends on.
 pub fn facts_of(packed: &PackedScene, width: u32, height: u32, settings: &Settings) -> Facts {
     Facts { width, height, reservoirs: settings.reservoirs, has: packed.has(), features: packed.features.clone() }
-}
-
-/// An executor of either kind.
-pub(crate) enum Executor {
-    Cpu(Box<CpuExecutor>),
-    Gpu(Box<GpuExecutor>),
-}
-
-impl Executor {
-    pub(crate) fn new(backend: &Backend<'_>, plan: &Plan, scene: SceneBuffers<'_>) -> Result<Self, GpuError> {
-        Ok(match backend {
-            Backend::Cpu(order) => {
-                let mut executor = CpuExecutor::new(plan);
-                executor.order = *order;
-                Self::Cpu(Box::new(executor))
-            }
-            Backend::Gpu(gpu) => Self::Gpu(Box::new(GpuExecutor::new(gpu, plan, scene, Loader::Auto, Module::Plain)?)),
-        })
-    }
-
-    /// Runs a frame; on a GPU it may still be under way afterwards.
-    pub(crate) fn run(
-        &mut self,
-        plan: &Plan,
-        scene: SceneBuffers<'_>,
-        frames: &FramePair,
-    ) -> Result<Vec<(&'static str, Duration)>, GpuError> {
-        match self {
-            Self::Cpu(executor) => Ok(executor.run(plan, scene, frames)),
-            Self::Gpu(executor) => {
-                executor.run(frames)?;
-                Ok(executor.last_times().to_vec())
-            }
-        }
-    }
-
-    /// Tells the executor what of the scene has changed.
-    pub(crate) fn update(&mut self, scene: SceneBuffers<'_>, changed: Vec<Changed>) -> Result<(), GpuError> {
-        if let Self::Gpu(executor) = self {
-            for Changed { buffer, range } in changed {
-                executor.update_scene(buffer, range.start as u64, &scene.bytes(buffer)[range])?;
-            }
-        }
-        Ok(())
-    }
-
-    pub(crate) fn read(&mut self, plan: &Plan, name: &str) -> Result<AlignedBytes, GpuError> {
-        match self {
-            Self::Cpu(executor) => {
-                Ok(AlignedBytes::from_bytes(executor.output(plan, name).expect("the plan has this output")))
-            }
-            Self::Gpu(executor) => executor.read(name),
-        }
-    }
-
-    pub(crate) fn finish(&mut self) -> Result<(), GpuError> {
-        match self {
-            Self::Cpu(_) => Ok(()),
-            Self::Gpu(executor) => executor.finish(),
-        }
-    }
-
-    /// Times of the passes of the last frame. `returned` is what [`Executor::run`] returned, which on a GPU are those of
-    /// a frame before.
-    pub(crate) fn last_times(&self, returned: Vec<(&'static str, Duration)>) -> Vec<(&'static str, Duration)> {
-        match self {
-            Self::Cpu(_) => returned,
-            Self::Gpu(executor) => executor.last_times().to_vec(),
-        }
-    }
 }
 
 /// Renders frames that reuse each other, as a viewer would, and returns the last: one sample a pixel, with no variance

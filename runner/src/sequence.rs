@@ -1,5 +1,7 @@
 //! Frames that follow one another: the uniform of each, and of the one before it.
 
+use std::borrow::BorrowMut;
+
 use weir_shared::frame::{Frame, FramePair};
 
 use crate::{
@@ -18,23 +20,29 @@ pub struct Shot {
     pub camera: Camera,
 }
 
-/// A scene on its way through frames that reuse each other.
-pub struct Sequence<'a> {
-    packed: &'a mut PackedScene,
-    request: Request,
+/// A scene on its way through frames that reuse each other; the scene is borrowed, or the sequence's own.
+pub struct Sequence<S> {
+    packed: S,
+    /// View, knobs and size of the frames to come; each has its own camera.
+    pub request: Request,
     last: Option<Frame>,
     index: u32,
 }
 
-impl<'a> Sequence<'a> {
+impl<S: BorrowMut<PackedScene>> Sequence<S> {
     /// Nothing shown yet. The camera of `request` is that of no frame; each has its own.
-    pub fn new(packed: &'a mut PackedScene, request: Request) -> Self {
+    pub fn new(packed: S, request: Request) -> Self {
         Self { packed, request, last: None, index: 0 }
     }
 
     /// The scene as the last frame shows it.
     pub fn packed(&self) -> &PackedScene {
-        self.packed
+        self.packed.borrow()
+    }
+
+    /// The same, to be changed: what the next frame shows of the environment, for one.
+    pub fn packed_mut(&mut self) -> &mut PackedScene {
+        self.packed.borrow_mut()
     }
 
     /// The shot of frame number `index` of the request's animation.
@@ -42,6 +50,11 @@ impl<'a> Sequence<'a> {
         let settings = &self.request.settings;
         let time_s = settings.time_s + settings.time_step_s * index as f32;
         Shot { moment: Moment { time_s, ..Moment::default() }, camera: self.request.camera }
+    }
+
+    /// The number of the next frame, which its random numbers are keyed by.
+    pub fn start_at(&mut self, index: u32) {
+        self.index = index;
     }
 
     /// Forgets the past, as after a cut.
@@ -59,13 +72,21 @@ impl<'a> Sequence<'a> {
     /// # Errors
     /// As [`PackedScene::advance`].
     pub fn next(&mut self, shot: &Shot) -> Result<(FramePair, Vec<Changed>), PackError> {
-        let changed = self.packed.advance(&shot.moment)?;
+        let changed = self.packed.borrow_mut().advance(&shot.moment)?;
         let request = Request { camera: shot.camera, ..self.request.clone() };
         let has_history = u32::from(self.last.is_some());
-        let now = Frame { index: self.index, has_history, ..frame_of(self.packed, &request) };
+        let now = Frame { index: self.index, has_history, ..frame_of(self.packed(), &request) };
         let prev = self.last.unwrap_or(now);
         self.last = Some(now);
         self.index = self.index.wrapping_add(1);
         Ok((FramePair { now, prev }, changed))
+    }
+
+    /// A frame apart from those that follow one another, as stills are made of: of what the last one showed, with random
+    /// numbers of its own, as number `accumulated` of those that are averaged.
+    pub fn independent(&mut self, request: &Request, accumulated: u32) -> FramePair {
+        let now = Frame { index: self.index, accumulated, ..frame_of(self.packed(), request) };
+        self.index = self.index.wrapping_add(1);
+        FramePair { now, prev: now }
     }
 }

@@ -16,6 +16,7 @@ pub mod bsdf_rays;
 pub mod candidates;
 mod collect;
 pub mod display;
+pub mod present;
 pub mod primary;
 pub mod shade;
 pub mod spatial;
@@ -54,4 +55,8 @@ passes! {
     pixel display_reinhard[](moments: [Moments]) -> (display: [u32]) = display::reinhard;
     pixel display_aces[](moments: [Moments]) -> (display: [u32]) = display::aces;
     pixel display_agx[](moments: [Moments]) -> (display: [u32]) = display::agx;
+}
+
+draws! {
+    present(left: [u32], right: [u32]) = present::present;
 }

@@ -239,7 +239,65 @@ macro_rules! passes {
     };
 }
 
-/// What rows of the table may name.
+/// Declares what is drawn. A row
+///
+/// ```text
+/// present(left: [u32], right: [u32]) = present::present;
+/// ```
+///
+/// gives two entry points in a module `screen::present`, `vertex` (one triangle over the whole target, by the function
+/// `corner` of the same file) and `fragment` (the call), and a row of `DRAWS`. Binding 0 is the uniform
+/// [`weir_shared::window::Window`].
+#[macro_export]
+macro_rules! draws {
+    ($($name:ident ($($input:ident : [$element:ty]),+) = $file:ident :: $function:ident ;)*) => {
+        /// GPU entry points of what is drawn: one module a row.
+        pub mod screen {
+            $(
+                #[doc = concat!("Entry points of `", stringify!($name), "`.")]
+                pub mod $name {
+                    use $crate::wiring::prelude::*;
+
+                    /// Entry point.
+                    #[spirv(vertex)]
+                    pub fn vertex(#[spirv(vertex_index)] index: i32, #[spirv(position)] position: &mut Vec4) {
+                        *position = $crate::$file::corner(index as u32);
+                    }
+
+                    $crate::draws!{ @number ($file $function) [1 2 3 4] [] [$($input : [$element]),+] }
+                }
+            )*
+        }
+
+        /// Everything that is drawn, in the order of the table.
+        #[cfg(not(target_arch = "spirv"))]
+        pub const DRAWS: &[$crate::wiring::Draw] = &[$(
+            $crate::wiring::Draw {
+                name: stringify!($name),
+                vertex: concat!("screen::", stringify!($name), "::vertex"),
+                fragment: concat!("screen::", stringify!($name), "::fragment"),
+                bindings: &[$($crate::wiring::Binding::read::<$element>(stringify!($input))),+],
+            },
+        )*];
+    };
+    (@number $f:tt [$n0:literal $($n:literal)*] [$($p:tt)*] [$name:ident : [$element:ty] $(, $($rest:tt)*)?]) => {
+        $crate::draws!{ @number $f [$($n)*] [$($p)* ($n0 $name $element)] [$($($rest)*)?] }
+    };
+    (@number ($file:ident $function:ident) $n:tt [$(($number:literal $param:ident $type:ty))*] []) => {
+        /// Entry point.
+        #[spirv(fragment)]
+        pub fn fragment(
+            #[spirv(frag_coord)] at: Vec4,
+            #[spirv(uniform, descriptor_set = 0, binding = 0)] window: &Window,
+            $(#[spirv(storage_buffer, descriptor_set = 0, binding = $number)] $param: &[$type],)*
+            color: &mut Vec4,
+        ) {
+            *color = $crate::$file::$function(at.truncate().truncate(), window, $($param),*);
+        }
+    };
+}
+
+/// What rows of the tables may name.
 pub mod prelude {
     #[cfg(not(target_arch = "spirv"))]
     pub use super::super::kernel;
@@ -247,6 +305,7 @@ pub mod prelude {
     pub use spirv_std::spirv;
     pub use weir_shared::{
         frame::FramePair, moments::Moments, numerics::store, reservoir::Reservoir, scene::Scene, surface::Surface,
+        window::Window,
     };
 }
 
@@ -303,6 +362,19 @@ mod host {
         /// One for each combination: bit i of the index stands for feature i.
         pub variants: &'static [Variant],
         /// Storage buffers, at binding 1 and up; binding 0 is the frame.
+        pub bindings: &'static [Binding],
+    }
+
+    /// A row of the table of what is drawn.
+    #[derive(Debug)]
+    pub struct Draw {
+        /// Name of the row.
+        pub name: &'static str,
+        /// Name of the vertex stage in the SPIR-V module; it takes three vertices.
+        pub vertex: &'static str,
+        /// Name of the fragment stage.
+        pub fragment: &'static str,
+        /// Storage buffers, at binding 1 and up; binding 0 is the window.
         pub bindings: &'static [Binding],
     }
 

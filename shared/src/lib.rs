@@ -30,4 +30,5 @@ pub mod target;
 pub mod texture;
 pub mod tonemap;
 pub mod triangle;
+pub mod window;
 mod words;

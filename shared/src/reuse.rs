@@ -329,21 +329,21 @@ fn find_pairs(
     }
 }
 
-/// Where a surface was in the frame before, in world space; where it is now, if its instance was not there.
+/// Where a surface was in the frame before, in world space; false and where it is now, if its instance was not there.
 #[inline(always)]
-pub fn previous_position(frame: &Frame, prev_frame: &Frame, scene: &Scene, surface: &Surface) -> Vec3 {
+pub fn previous_position(frame: &Frame, prev_frame: &Frame, scene: &Scene, surface: &Surface) -> (bool, Vec3) {
     let position = surface.position();
     if frame.instances_at == prev_frame.instances_at {
-        return position;
+        return (true, position);
     }
     let counterpart = scene.instance_word(frame, surface.instance(), instance_record::COUNTERPART);
     if counterpart == NO_INSTANCE {
-        return position;
+        return (false, position);
     }
     let here = scene.instance_at(frame, surface.instance());
     let position_object = scene.transform_point(here + instance_record::OBJECT_FROM_WORLD, position);
     let there = scene.instance_at(prev_frame, counterpart);
-    scene.transform_point(there + instance_record::WORLD_FROM_OBJECT, position_object)
+    (true, scene.transform_point(there + instance_record::WORLD_FROM_OBJECT, position_object))
 }
 
 /// The past of a pixel: the pixel where its surface was, if what was seen there is similar, and neighbours of it. Where
@@ -363,7 +363,7 @@ pub fn find_past(
     if frame.has_history == 0 || surface.is_sky() {
         return past;
     }
-    let position = previous_position(frame, prev_frame, scene, surface);
+    let (_, position) = previous_position(frame, prev_frame, scene, surface);
     let offset = position - prev_frame.camera_origin;
     if !(offset.dot(prev_frame.camera_forward) > 0.0) {
         return past;

@@ -4,8 +4,9 @@ use glam::{UVec4, Vec2, Vec3};
 
 use crate::{
     frame::Frame,
-    numerics::{floor, load, pow},
+    numerics::{floor, load},
     scene::{NO_TEXTURE, Scene, attribute_flags, instance_record, material_record, texture_record},
+    tonemap::decode_srgb,
 };
 
 /// The four texels around a point and how far it lies between them.
@@ -41,18 +42,12 @@ fn footprint(header: UVec4, texels: &[u32], uv: Vec2) -> Footprint {
     }
 }
 
-/// sRGB-encoded 8-bit value to linear. Source: IEC 61966-2-1.
-#[inline(always)]
-fn decode_srgb(byte: u32) -> f32 {
-    let encoded = byte as f32 / 255.0;
-    if encoded <= 0.040_45 { encoded / 12.92 } else { pow((encoded + 0.055) / 1.055, 2.4) }
-}
-
 #[inline(always)]
 fn rgb(texel: u32, srgb: bool) -> Vec3 {
     let (r, g, b) = (texel & 0xff, (texel >> 8) & 0xff, (texel >> 16) & 0xff);
     if srgb {
-        Vec3::new(decode_srgb(r), decode_srgb(g), decode_srgb(b))
+        let decode = |byte: u32| decode_srgb(byte as f32 / 255.0);
+        Vec3::new(decode(r), decode(g), decode(b))
     } else {
         Vec3::new(r as f32, g as f32, b as f32) * (1.0 / 255.0)
     }
@@ -107,16 +102,5 @@ mod tests {
         assert_eq!(at(-0.25, 2.25), Vec3::Z);
         assert_eq!(at(0.5, 0.5), Vec3::splat(0.25));
         assert_eq!(alpha_at(&frame, &scene, 0, Vec2::new(0.5, 0.75)), 0.5);
-    }
-
-    #[test]
-    fn srgb_is_decoded_before_interpolation() {
-        let expected = |b: u32| {
-            let e = f64::from(b) / 255.0;
-            if e <= 0.040_45 { e / 12.92 } else { ((e + 0.055) / 1.055).powf(2.4) }
-        };
-        for byte in 0..=255 {
-            assert!((f64::from(decode_srgb(byte)) - expected(byte)).abs() < 2e-6, "{byte}");
-        }
     }
 }

@@ -64,6 +64,12 @@ fn encode_srgb(linear: f32) -> f32 {
     if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * pow(x, 1.0 / 2.4) - 0.055 }
 }
 
+/// sRGB-encoded to linear, both in 0..=1. Source: IEC 61966-2-1.
+#[inline(always)]
+pub fn decode_srgb(encoded: f32) -> f32 {
+    if encoded <= 0.040_45 { encoded / 12.92 } else { pow((encoded + 0.055) / 1.055, 2.4) }
+}
+
 /// A display-referred linear colour as 8-bit sRGB, red in the low byte, opaque.
 #[inline(always)]
 pub fn pack_srgb(linear: Vec3) -> u32 {
@@ -103,6 +109,17 @@ mod tests {
             let exact = if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * x.powf(1.0 / 2.4) - 0.055 };
             let byte = pack_srgb(Vec3::splat(x as f32)) & 0xff;
             assert!((f64::from(byte) - exact * 255.0).abs() < 0.501, "{x}");
+        }
+    }
+
+    #[test]
+    fn the_decoding_matches_the_standard() {
+        let expected = |b: u32| {
+            let e = f64::from(b) / 255.0;
+            if e <= 0.040_45 { e / 12.92 } else { ((e + 0.055) / 1.055).powf(2.4) }
+        };
+        for byte in 0..=255u32 {
+            assert!((f64::from(decode_srgb(byte as f32 / 255.0)) - expected(byte)).abs() < 2e-6, "{byte}");
         }
     }
 }

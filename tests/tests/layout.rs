@@ -12,14 +12,15 @@ use rspirv::{
 use spirv::{Element, Reader};
 use weir::shaders;
 use weir_shader::{
-    PASSES,
-    wiring::{Access, Pass},
+    DRAWS, PASSES,
+    wiring::{Access, Draw, Pass},
 };
 use weir_shared::{
     frame::{Frame, FramePair},
     moments::Moments,
     reservoir::Reservoir,
     surface::Surface,
+    window::Window,
 };
 
 /// What WebGPU grants without asking, beside the uniform.
@@ -138,6 +139,23 @@ fn frame_fields() -> Fields {
     })
 }
 
+fn window_fields() -> Fields {
+    fields!(Window {
+        width,
+        height,
+        left_px,
+        top_px,
+        step_x,
+        step_y,
+        divider_px,
+        smooth,
+        linear_target,
+        divided,
+        padding,
+        padding_end,
+    })
+}
+
 /// The fields of an element of a resource; none where it is a number or a vector.
 fn fields_of(resource: &str) -> Option<Fields> {
     match resource.strip_prefix("prev_").unwrap_or(resource) {
@@ -178,10 +196,23 @@ fn variants(passes: &'static [Pass]) -> BTreeMap<&'static str, &'static Pass> {
     passes.iter().flat_map(|pass| pass.variants.iter().map(move |v| (v.entry_point, pass))).collect()
 }
 
+/// What is drawn, by its entry points: both stages of each row.
+fn stages() -> BTreeMap<&'static str, &'static Draw> {
+    DRAWS.iter().flat_map(|draw| [(draw.vertex, draw), (draw.fragment, draw)]).collect()
+}
+
 fn check_entry_points(module: &Module, passes: &'static [Pass]) -> Result<(), String> {
     let reader = Reader::new(module);
     let mut expected = variants(passes);
+    let mut drawn = stages();
     for (function, name) in reader.entry_points() {
+        if let Some(draw) = drawn.remove(name) {
+            let upper_left = reader.execution_mode(function, ExecutionMode::OriginUpperLeft).is_some();
+            if upper_left != (name == draw.fragment) {
+                return Err(format!("entry point `{name}` is not the stage that the table says"));
+            }
+            continue;
+        }
         if expected.remove(name).is_none() {
             return Err(format!("entry point `{name}` is not in the table"));
         }
@@ -193,7 +224,7 @@ fn check_entry_points(module: &Module, passes: &'static [Pass]) -> Result<(), St
             return Err(format!("entry point `{name}` has workgroups of {size:?}"));
         }
     }
-    match expected.keys().next() {
+    match expected.keys().chain(drawn.keys()).next() {
         Some(name) => Err(format!("there is no entry point `{name}`")),
         None => Ok(()),
     }
@@ -203,6 +234,12 @@ fn check_bindings(module: &Module, passes: &'static [Pass]) -> Result<(), String
     let reader = Reader::new(module);
     let passes = variants(passes);
     for (function, name) in reader.entry_points() {
+        if let Some(draw) = stages().get(name) {
+            for variable in reader.globals_of(function) {
+                check_drawn(&reader, draw, variable).map_err(|e| format!("entry point `{name}`: {e}"))?;
+            }
+            continue;
+        }
         let pass = passes.get(name).ok_or_else(|| format!("entry point `{name}` is not in the table"))?;
         if pass.bindings.len() > MOST_STORAGE_BUFFERS + usize::from(ONE_MORE.contains(&pass.name)) {
             return Err(format!("pass `{}` has {} storage buffers", pass.name, pass.bindings.len()));
@@ -212,6 +249,31 @@ fn check_bindings(module: &Module, passes: &'static [Pass]) -> Result<(), String
         }
     }
     Ok(())
+}
+
+/// A variable of a stage: a built-in, the window, or one of the pictures.
+fn check_drawn(reader: &Reader, draw: &Draw, variable: u32) -> Result<(), String> {
+    let class = reader.storage_class(variable);
+    if matches!(class, StorageClass::Input | StorageClass::Output) {
+        return Ok(());
+    }
+    let number = reader.decoration(variable, Decoration::Binding).ok_or("a global variable has no binding")?;
+    match (class, number) {
+        (StorageClass::Uniform, 0) => {
+            let window = reader.pointee(variable).ok_or("the uniform is no structure")?;
+            same_fields(reader, window, &window_fields())
+        }
+        (StorageClass::StorageBuffer, 1..) => {
+            let binding = draw.bindings.get(number as usize - 1).ok_or("a binding is not in the table")?;
+            let array = reader.array_block(variable).ok_or("no block of one array")?;
+            let read_only = reader.has_decoration(variable, Decoration::NonWritable);
+            match array.stride as usize == binding.stride && read_only {
+                true => Ok(()),
+                false => Err(format!("`{}` has stride {}, read-only: {read_only}", binding.name, array.stride)),
+            }
+        }
+        _ => Err(format!("{class:?} is not for binding {number}")),
+    }
 }
 
 fn check_binding(reader: &Reader, pass: &Pass, variable: u32) -> Result<(), String> {
@@ -380,7 +442,7 @@ fn naga_accepts_the_plain_module_without_capabilities() {
     let options = Options { adjust_coordinate_space: false, strict_capabilities: true, ..Default::default() };
     let bytes: Vec<u8> = shaders::plain().iter().flat_map(|word| word.to_le_bytes()).collect();
     let module = parse_u8_slice(&bytes, &options).expect("naga reads the module");
-    assert_eq!(module.entry_points.len(), variants(PASSES).len());
+    assert_eq!(module.entry_points.len(), variants(PASSES).len() + stages().len());
     let mut validator = Validator::new(ValidationFlags::all(), Capabilities::empty());
     if let Err(error) = validator.validate(&module) {
         panic!("naga rejects the module: {error:?}");

@@ -32,7 +32,7 @@ const STEADY: f64 = 0.5;
 struct Chain<'a> {
     executor: Executor,
     plan: Plan,
-    sequence: Sequence<'a>,
+    sequence: Sequence<&'a mut PackedScene>,
     count: u32,
     times: FrameTimes,
     last: Option<Picture>,

@@ -5,9 +5,10 @@ use std::{path::Path, time::Instant};
 use weir::{
     packed::PackedScene,
     scene::{
-        Camera, Scene, builtin, camera, environment,
+        Camera, Scene, camera,
+        choice::Choice,
         error::{Place, SceneError},
-        load::{LoadOptions, load},
+        load::{LoadOptions, Loaded},
     },
     settings::Settings,
 };
@@ -22,6 +23,23 @@ pub struct Opened {
     pub settings: Settings,
 }
 
+/// The scene by the words of the command line.
+pub fn choice_of(arguments: &SceneArguments) -> Choice {
+    Choice {
+        scene: arguments.scene.clone(),
+        options: LoadOptions {
+            lambert: arguments.lambert,
+            flat: arguments.flat,
+            texture_budget_bytes: arguments.texture_budget,
+            asset_root: arguments.asset_root.clone(),
+            max_file_bytes: arguments.max_size,
+        },
+        environment: arguments.environment.clone(),
+        environment_rotation_deg: arguments.environment_rotation,
+        environment_scale: arguments.environment_scale,
+    }
+}
+
 /// Reads or builds the scene; warnings go to stderr. Also the knobs, because some concern the scene.
 pub fn read(arguments: &SceneArguments) -> anyhow::Result<(Scene, Settings)> {
     let mut settings = Settings::default();
@@ -30,40 +48,8 @@ pub fn read(arguments: &SceneArguments) -> anyhow::Result<(Scene, Settings)> {
     }
     settings.check()?;
     let start = Instant::now();
-    let built_in = builtin::find(&arguments.scene).filter(|_| !Path::new(&arguments.scene).is_file());
-    let mut scene = if let Some(built_in) = built_in {
-        let mut scene = (built_in.build)();
-        if arguments.lambert {
-            scene.make_lambertian();
-        }
-        if arguments.flat {
-            scene.meshes.iter_mut().for_each(|mesh| mesh.normals.clear());
-        }
-        scene
-    } else {
-        let path = Path::new(&arguments.scene);
-        if !path.exists() && path.extension().is_none() {
-            let names: Vec<_> = builtin::BUILTIN.iter().map(|b| b.name).collect();
-            let help = format!("name an .obj file, or one of the built-in scenes: {}", names.join(", "));
-            return Err(SceneError::no_input(&arguments.scene, "there is no such file or built-in scene", help).into());
-        }
-        let options = LoadOptions {
-            lambert: arguments.lambert,
-            flat: arguments.flat,
-            texture_budget_bytes: arguments.texture_budget,
-            asset_root: arguments.asset_root.clone(),
-            max_file_bytes: arguments.max_size,
-        };
-        let loaded = load(path, &options)?;
-        loaded.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
-        loaded.scene
-    };
-    if let Some(path) = &arguments.environment {
-        let (map, warnings) = environment::load(path, arguments.environment_rotation, arguments.environment_scale)?;
-        warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
-        scene.environment = Some(map);
-    }
-    scene.validate()?;
+    let Loaded { scene, warnings } = choice_of(arguments).read()?;
+    warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
     tracing::info!(
         "{}: {} triangles in {} instances, {} emissive; read in {:.2} s",
         scene.name,
@@ -75,10 +61,18 @@ pub fn read(arguments: &SceneArguments) -> anyhow::Result<(Scene, Settings)> {
     Ok((scene, settings))
 }
 
+/// A camera from a file, or from the text itself.
+pub fn load_camera(words: &Path) -> Result<Camera, SceneError> {
+    match words.to_str().filter(|text| text.starts_with('{')) {
+        Some(text) => camera::parse(text.as_bytes(), "--camera"),
+        None => camera::load(words),
+    }
+}
+
 /// The camera of `--camera`, or else the scene's, or else one that sees all of it.
 pub fn camera_of(arguments: &SceneArguments, scene: &Scene) -> Result<Camera, SceneError> {
     match (&arguments.camera, scene.camera) {
-        (Some(path), _) => camera::load(path),
+        (Some(path), _) => load_camera(path),
         (None, Some(camera)) => Ok(camera),
         (None, None) => scene
             .bounds()

@@ -6,15 +6,17 @@ mod adapter;
 mod error;
 mod memory;
 mod pipelines;
+mod stored;
 mod timing;
 
-use std::{collections::VecDeque, time::Duration};
+use std::{collections::VecDeque, ops::Range, time::Duration};
 
 use weir_shader::wiring::Extent;
 use weir_shared::frame::FramePair;
 
 pub use adapter::{AdapterChoice, AdapterFacts, Gpu, adapters, instance};
 pub use error::GpuError;
+pub use memory::GpuScene;
 pub use pipelines::{Loader, Module};
 
 use self::{memory::Memory, pipelines::Compiled, timing::Timer};
@@ -66,8 +68,24 @@ impl GpuExecutor {
         loader: Loader,
         module: Module,
     ) -> Result<Self, GpuError> {
+        loader.resolve(gpu, module)?;
+        let scene = GpuScene::upload(gpu, scene).await?;
+        Self::on_scene(gpu, plan, &scene, loader, module).await
+    }
+
+    /// An executor on a scene that is on the GPU already, and that others may use as well.
+    ///
+    /// # Errors
+    /// As [`GpuExecutor::new`].
+    pub async fn on_scene(
+        gpu: &Gpu,
+        plan: &Plan,
+        scene: &GpuScene,
+        loader: Loader,
+        module: Module,
+    ) -> Result<Self, GpuError> {
         let loader = loader.resolve(gpu, module)?;
-        let memory = Memory::new(gpu, plan, scene).await?;
+        let memory = Memory::new(gpu, plan, scene.clone()).await?;
         let uniform = gpu
             .guarded(|| {
                 gpu.device.create_buffer(&wgpu::BufferDescriptor {
@@ -198,6 +216,16 @@ impl GpuExecutor {
         Ok(bytes)
     }
 
+    /// Parts of an output of the plan, in whole words, one after the other; waits for the frames that were run.
+    ///
+    /// # Errors
+    /// As [`GpuExecutor::read`].
+    pub fn read_parts(&mut self, name: &str, parts: &[Range<u64>]) -> Result<AlignedBytes, GpuError> {
+        self.finish()?;
+        let buffer = self.output_buffer(name).filter(|_| self.frames > 0);
+        self.gpu.download_parts(buffer.ok_or_else(|| GpuError::NoOutput(name.to_owned()))?, parts)
+    }
+
     /// All bytes of a slot, as the last frame saw it; waits for the frames that were run.
     ///
     /// # Errors
@@ -228,6 +256,6 @@ impl GpuExecutor {
     /// # Errors
     /// If that is not within the buffer or not in whole words, or if the device fails.
     pub fn update_scene(&mut self, name: &str, offset: u64, bytes: &[u8]) -> Result<(), GpuError> {
-        self.memory.update(&self.gpu, name, offset, bytes)
+        self.memory.scene().update(&self.gpu, name, offset, bytes)
     }
 }

@@ -1,7 +1,10 @@
 //! Executors: they run the same plan, on the host's threads or on a GPU.
 
 pub mod cpu;
+mod either;
 pub mod gpu;
+
+pub use either::{Backend, Executor};
 
 use bytemuck::Pod;
 

@@ -120,6 +120,11 @@ impl Dynamics {
 }
 
 impl PackedScene {
+    /// The scene's instance behind one that is drawn, as surfaces and lights name them.
+    pub fn scene_instance(&self, drawn: u32) -> Option<u32> {
+        self.dynamics.drawn.get(drawn as usize).copied()
+    }
+
     /// Goes on to another moment; returns what has changed, nothing if that is the moment shown already. What was shown
     /// before stays in the other block, where the uniform of the frame before finds it.
     ///

@@ -162,7 +162,8 @@ struct Passes<'a> {
 /// Frame numbers of pilots begin here.
 const PILOT_FRAMES: u32 = 1 << 31;
 
-fn pixel_moments(m: &Moments) -> PixelMoments {
+/// The moments of a pixel, in double precision.
+pub(crate) fn pixel_moments(m: &Moments) -> PixelMoments {
     PixelMoments {
         // What rounding has cut off counts where means of many frames are subtracted from each other.
         mean: std::array::from_fn(|c| f64::from(m.mean[c]) - f64::from(m.carry[c])),

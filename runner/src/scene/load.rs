@@ -15,7 +15,7 @@ use super::texture::{Kind, Textures};
 use super::{Instance, Material, Motion, Scene};
 
 /// How to read a scene.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct LoadOptions {
     /// Make every surface Lambertian with albedo `Kd`.
     pub lambert: bool,

@@ -7,6 +7,7 @@
 pub mod bounds;
 pub mod builtin;
 pub mod camera;
+pub mod choice;
 mod downscale;
 pub mod environment;
 pub mod error;

@@ -8,6 +8,7 @@ use std::borrow::Cow;
 #[cfg(feature = "compile-shaders")]
 pub mod compile;
 pub mod digest;
+pub mod part;
 #[cfg(feature = "compile-shaders")]
 pub mod strict;
 

@@ -127,6 +127,18 @@ impl<'a> Reader<'a> {
         member.id_ref_any()
     }
 
+    /// The structure that a variable points to.
+    pub fn pointee(&self, variable: u32) -> Option<u32> {
+        let pointer = self.definitions[&variable].result_type?;
+        let pointee = self.definitions[&pointer].operands[1].id_ref_any()?;
+        // rust-gpu may wrap it into a block of its own.
+        let members = self.member_types(pointee);
+        match members[..] {
+            [(0, inner)] if self.definitions[&inner].class.opcode == Op::TypeStruct => Some(inner),
+            _ => Some(pointee),
+        }
+    }
+
     /// The unsized array that fills the block of a storage buffer.
     pub fn array_block(&self, variable: u32) -> Option<Array> {
         let array = self.block(variable)?;

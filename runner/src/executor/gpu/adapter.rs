@@ -7,7 +7,7 @@ use std::{
     time::Duration,
 };
 
-use super::GpuError;
+use super::{GpuError, pipelines::Cache, stored::StoredPipelines};
 
 /// Which adapter to use.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -132,6 +132,8 @@ pub struct Gpu {
     /// How long to wait for an answer before [`GpuError::Timeout`].
     pub patience: Duration,
     health: Arc<Health>,
+    cache: Arc<Mutex<Cache>>,
+    stored: Option<StoredPipelines>,
 }
 
 impl Gpu {
@@ -155,7 +157,8 @@ impl Gpu {
         let adapter = choose(ranked(&instance, surface).await, choice)?;
         let facts = facts(&adapter);
         let offered = adapter.limits();
-        let wanted = wgpu::Features::PASSTHROUGH_SHADERS | wgpu::Features::TIMESTAMP_QUERY;
+        let wanted =
+            wgpu::Features::PASSTHROUGH_SHADERS | wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::PIPELINE_CACHE;
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("weir"),
             required_features: adapter.features() & wanted,
@@ -181,7 +184,35 @@ impl Gpu {
         device.set_device_lost_callback(move |reason, message| {
             lock(&seen.lost).get_or_insert_with(|| format!("{reason:?}: {message}"));
         });
-        Ok(Self { instance, adapter, device, queue, facts, patience: Duration::from_secs(120), health })
+        let stored = StoredPipelines::open(&adapter, &device);
+        Ok(Self {
+            instance,
+            adapter,
+            device,
+            queue,
+            facts,
+            patience: Duration::from_secs(120),
+            health,
+            cache: Arc::default(),
+            stored,
+        })
+    }
+
+    /// What the device has compiled.
+    pub(super) fn cache(&self) -> MutexGuard<'_, Cache> {
+        lock(&self.cache)
+    }
+
+    /// What was compiled in an earlier run, where the driver can use it.
+    pub(super) fn stored_pipelines(&self) -> Option<&wgpu::PipelineCache> {
+        self.stored.as_ref().map(StoredPipelines::cache)
+    }
+
+    /// Keeps what was compiled for the next run, where the driver can tell.
+    pub fn store_pipelines(&self) {
+        if let Some(stored) = &self.stored {
+            stored.save();
+        }
     }
 
     /// Whether SPIR-V can be handed to the driver as it is.
@@ -243,7 +274,10 @@ impl Gpu {
     }
 
     /// Makes objects, and returns the first error that this causes.
-    pub(super) async fn guarded<T>(&self, make: impl FnOnce() -> T) -> Result<T, GpuError> {
+    ///
+    /// # Errors
+    /// That error, or what the device has reported.
+    pub(crate) async fn guarded<T>(&self, make: impl FnOnce() -> T) -> Result<T, GpuError> {
         let filters = [wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::OutOfMemory, wgpu::ErrorFilter::Validation];
         let scopes = filters.map(|filter| self.device.push_error_scope(filter));
         let made = make();

@@ -58,6 +58,9 @@ pub enum GpuError {
         /// The adapter's name.
         adapter: String,
     },
+    /// A window that no API can draw in.
+    #[error("the window can't be drawn in by a GPU ({0}); use --backend cpu")]
+    Surface(String),
     /// SPIR-V can't be handed to the driver as it is.
     #[error(
         "`{adapter}` ({backend}) takes no SPIR-V as it is; the strict module needs that, the plain one runs without"
@@ -128,6 +131,7 @@ impl HasExit for GpuError {
             | Self::NoDevice { .. }
             | Self::TooLarge { .. }
             | Self::TooManyBuffers { .. }
+            | Self::Surface(_)
             | Self::NoPassthrough { .. } => Exit::Unavailable,
             Self::Lost(_) | Self::OutOfMemory(_) | Self::Timeout(_) => Exit::Temporary,
             Self::Validation(_) | Self::FrameSize { .. } | Self::NoOutput(_) | Self::OutOfRange { .. } => {

@@ -1,6 +1,6 @@
 //! Buffers on the GPU: the scene's and the frame's, and the way back.
 
-use std::{collections::BTreeMap, sync::mpsc};
+use std::{collections::BTreeMap, ops::Range, sync::mpsc};
 
 use weir_shader::wiring::Access;
 
@@ -15,21 +15,62 @@ const LEAST_BYTES: u64 = 16;
 /// Uploads go through memory of the driver, this much at once.
 const UPLOAD_BYTES: usize = 32 << 20;
 
+/// A scene's buffers on a GPU. Copies share them, and so do all executors that are made of one.
+#[derive(Clone)]
+pub struct GpuScene {
+    buffers: BTreeMap<&'static str, (wgpu::Buffer, u64)>,
+}
+
+impl GpuScene {
+    /// Copies a scene to the GPU.
+    ///
+    /// # Errors
+    /// If a buffer is too large for the device, or if the device fails.
+    pub async fn upload(gpu: &Gpu, scene: SceneBuffers<'_>) -> Result<Self, GpuError> {
+        // All sizes before the first allocation: an error must not cost minutes of upload.
+        for name in SceneBuffers::NAMES {
+            fits(gpu, &format!("`{name}` of the scene"), scene.bytes(name).len() as u64, "use a smaller scene")?;
+        }
+        let mut buffers = BTreeMap::new();
+        for name in SceneBuffers::NAMES {
+            let bytes = scene.bytes(name);
+            let buffer = storage(gpu, name, bytes.len() as u64).await?;
+            upload(gpu, &buffer, bytes);
+            gpu.check()?;
+            buffers.insert(name, (buffer, bytes.len() as u64));
+        }
+        Ok(Self { buffers })
+    }
+
+    /// Overwrites a part of the buffer `name` from byte `offset` on; the next frame sees it.
+    ///
+    /// # Errors
+    /// If that is not within the buffer or not in whole words, or if the device fails.
+    pub fn update(&self, gpu: &Gpu, name: &str, offset: u64, bytes: &[u8]) -> Result<(), GpuError> {
+        let (buffer, size) = self.buffers.get(name).map_or((None, 0), |(buffer, size)| (Some(buffer), *size));
+        let end = offset.saturating_add(bytes.len() as u64);
+        match buffer {
+            Some(buffer) if end <= size && offset.is_multiple_of(4) && end.is_multiple_of(4) => {
+                gpu.queue.write_buffer(buffer, offset, bytes);
+                gpu.check()
+            }
+            _ => Err(GpuError::OutOfRange { buffer: name.to_owned(), offset, end, bytes: size }),
+        }
+    }
+}
+
 /// The buffers of one plan.
 pub(super) struct Memory {
-    scene: BTreeMap<&'static str, (wgpu::Buffer, u64)>,
+    scene: GpuScene,
     pool: Vec<wgpu::Buffer>,
     history: Vec<[wgpu::Buffer; 2]>,
     zero: wgpu::Buffer,
 }
 
 impl Memory {
-    /// Copies the scene; everything else starts as zeros.
-    pub(super) async fn new(gpu: &Gpu, plan: &Plan, scene: SceneBuffers<'_>) -> Result<Self, GpuError> {
-        // All sizes before the first allocation: an error must not cost minutes of upload.
-        for name in SceneBuffers::NAMES {
-            fits(gpu, &format!("`{name}` of the scene"), scene.bytes(name).len() as u64, "use a smaller scene")?;
-        }
+    /// Everything but the scene starts as zeros.
+    pub(super) async fn new(gpu: &Gpu, plan: &Plan, scene: GpuScene) -> Result<Self, GpuError> {
+        // All sizes before the first allocation.
         let [width, height] = [plan.facts.width, plan.facts.height];
         let of_image = |name: &str| format!("`{name}` of {width}x{height} pixels");
         for (i, &bytes) in plan.pool.iter().enumerate() {
@@ -40,14 +81,6 @@ impl Memory {
         }
         fits(gpu, &of_image("zeros"), plan.zero_bytes, "render at a smaller size")?;
 
-        let mut buffers = BTreeMap::new();
-        for name in SceneBuffers::NAMES {
-            let bytes = scene.bytes(name);
-            let buffer = storage(gpu, name, bytes.len() as u64).await?;
-            upload(gpu, &buffer, bytes);
-            gpu.check()?;
-            buffers.insert(name, (buffer, bytes.len() as u64));
-        }
         let mut pool = Vec::new();
         for (i, &bytes) in plan.pool.iter().enumerate() {
             pool.push(storage(gpu, &format!("pool {i}"), bytes).await?);
@@ -57,13 +90,13 @@ impl Memory {
             history.push([storage(gpu, h.name, h.bytes).await?, storage(gpu, h.name, h.bytes).await?]);
         }
         let zero = storage(gpu, "zeros", plan.zero_bytes).await?;
-        Ok(Self { scene: buffers, pool, history, zero })
+        Ok(Self { scene, pool, history, zero })
     }
 
     /// The buffer behind a slot in frames of the given parity.
     pub(super) fn buffer(&self, slot: Slot, parity: usize) -> &wgpu::Buffer {
         match slot {
-            Slot::Scene(name) => &self.scene.get(name).expect("every buffer of the scene was uploaded").0,
+            Slot::Scene(name) => &self.scene.buffers.get(name).expect("every buffer of the scene was uploaded").0,
             Slot::Pool(i) => &self.pool[i],
             Slot::Current(i) => &self.history[i][parity],
             Slot::Previous(i) => &self.history[i][parity ^ 1],
@@ -71,17 +104,9 @@ impl Memory {
         }
     }
 
-    /// Overwrites a part of a buffer of the scene; the next frame sees it.
-    pub(super) fn update(&self, gpu: &Gpu, name: &str, offset: u64, bytes: &[u8]) -> Result<(), GpuError> {
-        let (buffer, size) = self.scene.get(name).map_or((None, 0), |(buffer, size)| (Some(buffer), *size));
-        let end = offset.saturating_add(bytes.len() as u64);
-        match buffer {
-            Some(buffer) if end <= size && offset.is_multiple_of(4) && end.is_multiple_of(4) => {
-                gpu.queue.write_buffer(buffer, offset, bytes);
-                gpu.check()
-            }
-            _ => Err(GpuError::OutOfRange { buffer: name.to_owned(), offset, end, bytes: size }),
-        }
+    /// The scene.
+    pub(super) fn scene(&self) -> &GpuScene {
+        &self.scene
     }
 }
 
@@ -126,10 +151,18 @@ fn upload(gpu: &Gpu, buffer: &wgpu::Buffer, bytes: &[u8]) {
 impl Gpu {
     /// Waits for all that was submitted, and copies the first `bytes` of a buffer.
     pub(super) fn download(&self, buffer: &wgpu::Buffer, bytes: u64) -> Result<AlignedBytes, GpuError> {
-        if bytes == 0 {
+        let size = bytes.next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT).min(buffer.size());
+        let mut copy = self.download_parts(buffer, &[0..size])?;
+        copy.truncate(bytes.min(size) as usize);
+        Ok(copy)
+    }
+
+    /// Waits for all that was submitted, and copies parts of a buffer, in whole words, one after the other.
+    pub(super) fn download_parts(&self, buffer: &wgpu::Buffer, parts: &[Range<u64>]) -> Result<AlignedBytes, GpuError> {
+        let size: u64 = parts.iter().map(|part| part.end - part.start).sum();
+        if size == 0 {
             return Ok(AlignedBytes::default());
         }
-        let size = bytes.next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT).min(buffer.size());
         let staging = pollster::block_on(self.guarded(|| {
             self.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("readback"),
@@ -140,19 +173,33 @@ impl Gpu {
         }))?;
         let mut encoder =
             self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("readback") });
-        encoder.copy_buffer_to_buffer(buffer, 0, &staging, 0, size);
+        let mut at = 0;
+        for part in parts {
+            let bytes = part.end - part.start;
+            encoder.copy_buffer_to_buffer(buffer, part.start, &staging, at, bytes);
+            at += bytes;
+        }
         let submission = self.queue.submit([encoder.finish()]);
+        self.map(&staging, submission)
+    }
+
+    /// The contents of a buffer that can be mapped, once a submission is done.
+    ///
+    /// # Errors
+    /// If the device fails.
+    pub fn map(&self, staging: &wgpu::Buffer, submission: wgpu::SubmissionIndex) -> Result<AlignedBytes, GpuError> {
         let (sender, receiver) = mpsc::channel();
         // Nobody listens any more if the wait failed.
         staging.map_async(wgpu::MapMode::Read, .., move |mapped| drop(sender.send(mapped)));
         self.wait(Some(submission))?;
         let refused = |reason: String| GpuError::Validation(format!("`{}`: {reason}", self.facts.name));
-        match receiver.try_recv() {
+        // Another thread's wait may be the one that answers, a moment later.
+        match receiver.recv_timeout(self.patience) {
             Ok(Ok(())) => {}
             Ok(Err(error)) => return Err(refused(error.to_string())),
             Err(error) => return Err(refused(error.to_string())),
         }
         let view = staging.get_mapped_range(..).map_err(|error| refused(error.to_string()))?;
-        Ok(AlignedBytes::from_bytes(&view[..bytes.min(size) as usize]))
+        Ok(AlignedBytes::from_bytes(&view))
     }
 }

@@ -1,6 +1,6 @@
 //! From a planned step to a pipeline and its bind groups.
 
-use std::borrow::Cow;
+use std::{borrow::Cow, collections::HashMap};
 
 use weir_shader::wiring::{Access, Extent, Pass};
 use weir_shared::frame::FramePair;
@@ -18,7 +18,7 @@ pub(super) fn uniform_stride(gpu: &Gpu) -> u64 {
 }
 
 /// How SPIR-V reaches the driver.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum)]
 pub enum Loader {
     /// As it is where that works, else through naga
     #[default]
@@ -30,7 +30,7 @@ pub enum Loader {
 }
 
 /// Which of the compiled modules.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum)]
 pub enum Module {
     /// Optimised; differs from the host in the last bits of floats
     #[default]
@@ -69,6 +69,13 @@ impl Loader {
     }
 }
 
+/// What a device has compiled: modules, and the pipelines of passes. Plans of any size share them.
+#[derive(Default)]
+pub(super) struct Cache {
+    modules: HashMap<(Loader, Module), wgpu::ShaderModule>,
+    passes: HashMap<(Loader, Module, &'static str), (wgpu::BindGroupLayout, wgpu::ComputePipeline)>,
+}
+
 /// Pipelines for the steps of a plan, on the given memory.
 pub(super) async fn compile(
     gpu: &Gpu,
@@ -86,10 +93,11 @@ pub(super) async fn compile(
         }
     }
     let loader = loader.resolve(gpu, module)?;
-    let shader = gpu.guarded(|| load(gpu, plan, loader, module)).await?;
     let mut compiled = Vec::new();
     for step in &plan.steps {
-        compiled.push(gpu.guarded(|| compile_step(gpu, step, memory, uniform, &shader)).await?);
+        let (layout, pipeline) = pass(gpu, step, loader, module).await?;
+        let bind_groups = gpu.guarded(|| bind_groups(gpu, step, memory, uniform, &layout)).await?;
+        compiled.push(Compiled { pass: step.pass.name, extent: step.pass.extent, pipeline, bind_groups });
     }
     Ok(compiled)
 }
@@ -101,52 +109,94 @@ fn words(module: Module) -> Cow<'static, [u32]> {
     }
 }
 
-fn load(gpu: &Gpu, plan: &Plan, loader: Loader, module: Module) -> wgpu::ShaderModule {
+/// The module that holds an entry point. Through naga that is all of it, read once; a driver gets no more than it needs,
+/// because it reads the whole of a module for each of its pipelines.
+async fn module_for(
+    gpu: &Gpu,
+    loader: Loader,
+    module: Module,
+    entry_points: &[&'static str],
+) -> Result<wgpu::ShaderModule, GpuError> {
     let label = Some("weir");
     if loader == Loader::Naga {
-        let source = wgpu::ShaderSource::SpirV(words(module));
-        let descriptor = wgpu::ShaderModuleDescriptor { label, source };
+        if let Some(known) = gpu.cache().modules.get(&(loader, module)) {
+            return Ok(known.clone());
+        }
+        let descriptor = wgpu::ShaderModuleDescriptor { label, source: wgpu::ShaderSource::SpirV(words(module)) };
+        let checks = wgpu::ShaderRuntimeChecks::unchecked();
         // SAFETY: passes index only what the frame and the scene say is there; naga's checks cost a third of the speed.
-        return unsafe { gpu.device.create_shader_module_trusted(descriptor, wgpu::ShaderRuntimeChecks::unchecked()) };
+        let read = gpu.guarded(|| unsafe { gpu.device.create_shader_module_trusted(descriptor, checks) }).await?;
+        gpu.cache().modules.insert((loader, module), read.clone());
+        return Ok(read);
     }
     // wgpu doesn't read the module, so it has to be told what it offers.
-    let entry_points = plan.steps.iter().map(|step| wgpu::PassthroughShaderEntryPoint {
-        name: step.variant.entry_point.into(),
+    let offered = entry_points.iter().map(|name| wgpu::PassthroughShaderEntryPoint {
+        name: (*name).into(),
         workgroup_size: (WORKGROUP, WORKGROUP, 1),
     });
     let descriptor = wgpu::ShaderModuleDescriptorPassthrough {
         label,
-        entry_points: entry_points.collect(),
-        spirv: Some(words(module)),
+        entry_points: offered.collect(),
+        spirv: Some(crate::shaders::part::only(&words(module), entry_points).into()),
         ..Default::default()
     };
     // SAFETY: the module is built and validated with this crate, and a test keeps it equal to its sources.
-    unsafe { gpu.device.create_shader_module_passthrough(descriptor) }
+    gpu.guarded(|| unsafe { gpu.device.create_shader_module_passthrough(descriptor) }).await
 }
 
-fn compile_step(
+impl Gpu {
+    /// The optimised module, or the part of it that holds some entry points.
+    pub(crate) async fn module_of(&self, entry_points: &[&'static str]) -> Result<wgpu::ShaderModule, GpuError> {
+        let loader = Loader::Auto.resolve(self, Module::Plain)?;
+        module_for(self, loader, Module::Plain, entry_points).await
+    }
+}
+
+/// The pipeline of a step's pass and its layout, compiled unless the device has it.
+async fn pass(
+    gpu: &Gpu,
+    step: &Planned,
+    loader: Loader,
+    module: Module,
+) -> Result<(wgpu::BindGroupLayout, wgpu::ComputePipeline), GpuError> {
+    let entry_point = step.variant.entry_point;
+    if let Some(known) = gpu.cache().passes.get(&(loader, module, entry_point)) {
+        return Ok(known.clone());
+    }
+    let shader = module_for(gpu, loader, module, &[entry_point]).await?;
+    let name = Some(step.pass.name);
+    let made = gpu
+        .guarded(|| {
+            let layout = layout(gpu, step.pass);
+            let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+                label: name,
+                bind_group_layouts: &[Some(&layout)],
+                immediate_size: 0,
+            });
+            let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: name,
+                layout: Some(&pipeline_layout),
+                module: &shader,
+                entry_point: Some(entry_point),
+                compilation_options: wgpu::PipelineCompilationOptions::default(),
+                cache: gpu.stored_pipelines(),
+            });
+            (layout, pipeline)
+        })
+        .await?;
+    gpu.cache().passes.insert((loader, module, entry_point), made.clone());
+    Ok(made)
+}
+
+/// For frames of even and of odd number.
+fn bind_groups(
     gpu: &Gpu,
     step: &Planned,
     memory: &Memory,
     uniform: &wgpu::Buffer,
-    shader: &wgpu::ShaderModule,
-) -> Compiled {
-    let pass = step.pass.name;
-    let layout = layout(gpu, step.pass);
-    let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some(pass),
-        bind_group_layouts: &[Some(&layout)],
-        immediate_size: 0,
-    });
-    let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some(pass),
-        layout: Some(&pipeline_layout),
-        module: shader,
-        entry_point: Some(step.variant.entry_point),
-        compilation_options: wgpu::PipelineCompilationOptions::default(),
-        cache: None,
-    });
-    let bind_groups = [0, 1].map(|parity| {
+    layout: &wgpu::BindGroupLayout,
+) -> [wgpu::BindGroup; 2] {
+    [0, 1].map(|parity| {
         let frames = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
             buffer: uniform,
             offset: u64::from(step.round) * uniform_stride(gpu),
@@ -159,12 +209,11 @@ fn compile_step(
             .map(|(resource, binding)| wgpu::BindGroupEntry { binding, resource })
             .collect();
         gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some(pass),
-            layout: &layout,
+            label: Some(step.pass.name),
+            layout,
             entries: &entries,
         })
-    });
-    Compiled { pass, extent: step.pass.extent, pipeline, bind_groups }
+    })
 }
 
 /// The frame at binding 0, then the buffers of the pass; explicit, because a passthrough module implies none.

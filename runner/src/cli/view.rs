@@ -1,0 +1,80 @@
+//! `weir view`, and `weir` alone where there is a display.
+
+use std::path::PathBuf;
+
+use anyhow::Context;
+use clap::Parser;
+use weir::{
+    exit::{Exit, Usage},
+    view::{
+        app::{self, Options, Processor},
+        script,
+        state::State,
+        stored,
+    },
+};
+
+use super::{Arguments, BackendChoice, Command, ViewArguments, open};
+
+/// The default scene in a window.
+pub fn default_scene() -> anyhow::Result<Exit> {
+    match &Arguments::parse_from(["weir", "view", "rooms"]).command {
+        Some(Command::View(arguments)) => run(arguments),
+        _ => unreachable!("the words above are a view command"),
+    }
+}
+
+/// Runs `weir view`.
+pub fn run(arguments: &ViewArguments) -> anyhow::Result<Exit> {
+    let script = match &arguments.script {
+        Some(path) => script::parse(&read(path)?)?,
+        None => Vec::new(),
+    };
+    if arguments.scale.is_some_and(|scale| !(0.1..=2.0).contains(&scale)) {
+        return Err(Usage(String::from("--scale takes 0.1 to 2")).into());
+    }
+    if arguments.backend.threads > 0 {
+        rayon::ThreadPoolBuilder::new().num_threads(arguments.backend.threads.min(1024)).build_global()?;
+    }
+    let mut state = State::new(open::choice_of(&arguments.scene), weir::settings::Settings::default());
+    // What was saved, then what the command line says.
+    if let Ok(path) = stored::path()
+        && path.is_file()
+    {
+        match stored::load(&mut state, &path) {
+            Ok(refused) => refused.into_iter().for_each(|reason| state.fail(reason)),
+            Err(error) => state.fail(error.to_string()),
+        }
+    }
+    for assignment in &arguments.scene.set {
+        state.settings.apply(assignment)?;
+    }
+    state.settings.check()?;
+    state.time_s = state.settings.time_s;
+    state.seed = arguments.seed;
+    let camera = arguments.scene.camera.as_deref().map(open::load_camera).transpose()?;
+    app::run(Options {
+        state,
+        camera,
+        adapter: match &arguments.backend.adapter {
+            Some(text) => text.parse()?,
+            None => weir::executor::gpu::AdapterChoice::Best,
+        },
+        processor: match arguments.backend.backend {
+            BackendChoice::Auto => Processor::Auto,
+            BackendChoice::Gpu => Processor::Gpu,
+            BackendChoice::Cpu => Processor::Cpu,
+        },
+        scale: arguments.scale,
+        size: [arguments.size.width, arguments.size.height],
+        frames: arguments.frames,
+        screenshot: arguments.screenshot.clone(),
+        record: arguments.record.clone(),
+        script,
+    })?;
+    Ok(Exit::Ok)
+}
+
+fn read(path: &PathBuf) -> anyhow::Result<String> {
+    std::fs::read_to_string(path).with_context(|| format!("cannot read the script: {}", path.display()))
+}

@@ -1,0 +1,53 @@
+//! Where time and memory go.
+
+use egui::{Grid, Ui};
+use egui_plot::{Line, Plot, PlotPoints};
+
+use crate::view::state::State;
+
+/// The time of frames as a curve, and of each pass as a number.
+pub fn times(ui: &mut Ui, state: &mut State) {
+    let stats = &state.stats;
+    let ms = stats.smoothed_ms();
+    ui.label(format!("{ms:.1} ms a frame, {:.1} frames a second", 1e3 / ms.max(1e-3)));
+    let points: PlotPoints<'_> = stats.frame_ms.iter().enumerate().map(|(i, ms)| [i as f64, *ms]).collect();
+    Plot::new("frame times")
+        .height(90.0)
+        .include_y(0.0)
+        .show_x(false)
+        .allow_zoom(false)
+        .allow_drag(false)
+        .allow_scroll(false)
+        .show_axes([false, true])
+        .show(ui, |plot| plot.line(Line::new("ms a frame", points)));
+    if let Some(frames) = &state.frames {
+        let [width, height] = frames.shown.size;
+        let rays = f64::from(frames.rays) * f64::from(width) * f64::from(height);
+        ui.label(format!(
+            "at most {} rays a pixel: {:.1} million a second",
+            frames.rays,
+            rays / (ms.max(1e-3) / 1e3) / 1e6
+        ));
+        let mebibytes = |bytes: u64| bytes as f64 / f64::from(1 << 20);
+        ui.label(format!(
+            "memory: scene {:.0} MiB, frame {:.0} MiB",
+            mebibytes(state.facts.bytes),
+            mebibytes(frames.schedule.frame_bytes)
+        ));
+        ui.label(format!("exposure {:.3}, time {:.2} s", frames.exposure, frames.time_s));
+    }
+    if stats.passes.is_empty() {
+        ui.label("This GPU has no clock for passes.");
+        return;
+    }
+    Grid::new("times of passes").striped(true).num_columns(2).show(ui, |ui| {
+        for (pass, ms) in &stats.passes {
+            ui.label(*pass);
+            ui.label(format!("{ms:.2} ms"));
+            ui.end_row();
+        }
+        ui.strong("all passes");
+        ui.strong(format!("{:.2} ms", stats.passes.iter().map(|(_, ms)| ms).sum::<f64>()));
+        ui.end_row();
+    });
+}
