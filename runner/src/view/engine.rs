@@ -40,6 +40,9 @@ use crate::{
     technique::{Technique, ToneCurve},
 };
 
+/// Samples after which the reference is as good as it gets.
+const REFERENCE_SAMPLES: u64 = 4096;
+
 /// Why there is no frame.
 #[derive(Debug, Error)]
 pub enum EngineError {
@@ -267,12 +270,10 @@ impl Engine {
         }
         self.key = Some(key);
         // A still is made of frames of one moment.
-        let mode = self.accumulation.next(moved, want.accumulate, want.goal_percent);
         let refines = want.compare == Compare::Reference || want.view == View::Error;
-        let (technique, samples) = match mode {
-            Mode::Rest if refines && self.estimates.first().is_none_or(|e| e.count < 4096) => {
-                (Technique::Still, self.accumulation.samples().max(1) - 1)
-            }
+        let refines = refines && self.estimates.first().is_none_or(|estimate| estimate.count < REFERENCE_SAMPLES);
+        let goal = if refines { None } else { Some(want.goal_percent) };
+        let (technique, samples) = match self.accumulation.next(moved, want.accumulate, goal) {
             Mode::Rest => return Ok(None),
             Mode::RealTime => (Technique::RealTime, 0),
             Mode::Still(samples) => (Technique::Still, samples),
