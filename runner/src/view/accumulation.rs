@@ -25,13 +25,14 @@ pub struct Accumulation {
 
 impl Accumulation {
     /// What to do next: `moves` tells whether anything has changed since the frame before, `accumulate` whether stills are
-    /// wanted at all, `goal_percent` which error is good enough.
-    pub fn next(&mut self, moves: bool, accumulate: bool, goal_percent: f32) -> Mode {
+    /// wanted at all, `goal_percent` which error is good enough, if any is: a still that is compared goes on.
+    pub fn next(&mut self, moves: bool, accumulate: bool, goal_percent: Option<f32>) -> Mode {
         if moves || !accumulate {
             *self = Self::default();
             return Mode::RealTime;
         }
-        let is_good = self.samples >= FEWEST && self.error_percent.is_some_and(|error| error <= goal_percent);
+        let is_good = self.error_percent.zip(goal_percent).is_some_and(|(error, goal)| error <= goal);
+        let is_good = is_good && self.samples >= FEWEST;
         if is_good || self.samples >= MOST {
             return Mode::Rest;
         }
@@ -63,33 +64,35 @@ mod tests {
     #[test]
     fn what_moves_is_real_time_and_what_stands_is_averaged_until_it_is_good() {
         let mut accumulation = Accumulation::default();
-        assert_eq!(accumulation.next(true, true, 1.0), Mode::RealTime);
+        assert_eq!(accumulation.next(true, true, Some(1.0)), Mode::RealTime);
         for sample in 0..40 {
-            assert_eq!(accumulation.next(false, true, 1.0), Mode::Still(sample));
+            assert_eq!(accumulation.next(false, true, Some(1.0)), Mode::Still(sample));
             accumulation.measured(2.0);
         }
         accumulation.measured(0.9);
-        assert_eq!(accumulation.next(false, true, 1.0), Mode::Rest);
-        assert_eq!(accumulation.next(false, true, 0.5), Mode::Still(40), "a lower goal wakes it");
-        assert_eq!(accumulation.next(true, true, 1.0), Mode::RealTime);
-        assert_eq!(accumulation.next(false, true, 1.0), Mode::Still(0), "motion starts anew");
+        assert_eq!(accumulation.next(false, true, Some(1.0)), Mode::Rest);
+        assert_eq!(accumulation.next(false, true, Some(0.5)), Mode::Still(40), "a lower goal wakes it");
+        accumulation.measured(0.0);
+        assert_eq!(accumulation.next(false, true, None), Mode::Still(41), "nothing is good enough");
+        assert_eq!(accumulation.next(true, true, Some(1.0)), Mode::RealTime);
+        assert_eq!(accumulation.next(false, true, Some(1.0)), Mode::Still(0), "motion starts anew");
     }
 
     #[test]
     fn a_lucky_first_estimate_is_not_believed() {
         let mut accumulation = Accumulation::default();
         for _ in 0..FEWEST {
-            assert_ne!(accumulation.next(false, true, 1.0), Mode::Rest);
+            assert_ne!(accumulation.next(false, true, Some(1.0)), Mode::Rest);
             accumulation.measured(0.0);
         }
-        assert_eq!(accumulation.next(false, true, 1.0), Mode::Rest);
+        assert_eq!(accumulation.next(false, true, Some(1.0)), Mode::Rest);
     }
 
     #[test]
     fn without_accumulation_every_frame_reuses_the_one_before() {
         let mut accumulation = Accumulation::default();
         for _ in 0..3 {
-            assert_eq!(accumulation.next(false, false, 1.0), Mode::RealTime);
+            assert_eq!(accumulation.next(false, false, Some(1.0)), Mode::RealTime);
         }
     }
 }

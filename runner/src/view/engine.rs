@@ -1,5 +1,10 @@
 //! Frames of the viewer: which kind comes next, on which processor, of which scene.
 
+mod chain;
+mod look;
+mod second;
+mod shown;
+
 use std::{
     sync::Arc,
     time::{Duration, Instant},
@@ -7,38 +12,36 @@ use std::{
 
 use glam::{UVec2, Vec3};
 use thiserror::Error;
-use weir_shader::wiring::Access;
-use weir_shared::{
-    frame::{Frame, FramePair},
-    moments::Moments,
-    reservoir::Reservoir,
-    surface::Surface,
-};
+use weir_shared::{frame::FramePair, moments::Moments};
 
+pub use self::shown::{BudgetFacts, Frames, Inspected, Pixels, SceneFacts, Schedule, Scheduled, Shown};
+use self::{
+    chain::{Chain, Place, chain_for, outputs_of, pixels_of, place, rays, update},
+    second::Second,
+};
 use super::{
     accumulation::{Accumulation, Mode},
-    buffers::{self, View},
+    buffers::View,
     exposure, lights,
     pick::{self, Picked},
     want::{Compare, Want},
 };
 use crate::{
-    budget::{Counts, TimeBudget},
-    executor::{
-        AlignedBytes, Executor, SceneBuffers,
-        cpu::CpuExecutor,
-        gpu::{Gpu, GpuError, GpuExecutor, GpuScene, Loader, Module},
-    },
-    graph::{GraphError, Plan},
+    budget::TimeBudget,
+    executor::gpu::{Gpu, GpuError},
+    graph::GraphError,
     margin::Batches,
     packed::{Changed, Moment, PackError, PackedScene},
     reference::{Estimate, Reference},
-    render::{Request, Stop, display_of, facts_of, frame_of, pixel_moments},
+    render::{Request, Stop, display_of, frame_of, pixel_moments},
     scene::{Camera, Scene, bounds::Bounds, choice::Choice, error::SceneError},
     sequence::{Sequence, Shot},
     settings::Settings,
-    technique::{Technique, direct_light},
+    technique::{Technique, ToneCurve},
 };
+
+/// Samples after which the reference is as good as it gets.
+const REFERENCE_SAMPLES: u64 = 4096;
 
 /// Why there is no frame.
 #[derive(Debug, Error)]
@@ -55,152 +58,6 @@ pub enum EngineError {
     /// The GPU failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-}
-
-/// Where the pixels of a picture are: 8-bit sRGB, red in the low byte.
-#[derive(Clone)]
-pub enum Pixels {
-    /// In a buffer of the GPU.
-    Gpu(wgpu::Buffer),
-    /// On the host.
-    Host(Arc<Vec<u32>>),
-}
-
-/// A picture, ready to be shown.
-#[derive(Clone)]
-pub struct Shown {
-    /// Size.
-    pub size: [u32; 2],
-    /// Its pixels.
-    pub pixels: Pixels,
-}
-
-/// What the frame of a technique is made of: a pass or a reason why not.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Schedule {
-    /// Passes in order, each with what it reads and writes.
-    pub steps: Vec<Scheduled>,
-    /// Passes that are left out, and why.
-    pub left_out: Vec<(&'static str, String)>,
-    /// Bytes of the frame's buffers.
-    pub frame_bytes: u64,
-}
-
-/// A pass of a schedule.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Scheduled {
-    /// Its name.
-    pub pass: &'static str,
-    /// Resources that it reads; the scene's are left out.
-    pub reads: Vec<&'static str>,
-    /// Resources that it writes.
-    pub writes: Vec<&'static str>,
-}
-
-/// A frame, and what is known about it.
-#[derive(Clone)]
-pub struct Frames {
-    /// The picture.
-    pub shown: Shown,
-    /// What it is compared with.
-    pub other: Option<Shown>,
-    /// How it was made.
-    pub technique: Technique,
-    /// Samples of each pixel that were averaged.
-    pub samples: u32,
-    /// Estimated error of the picture, in percent, while it stands still.
-    pub error_percent: Option<f32>,
-    /// Time of each pass, where it is known.
-    pub times: Vec<(&'static str, Duration)>,
-    /// The schedule.
-    pub schedule: Arc<Schedule>,
-    /// Exposure that it was shown with.
-    pub exposure: f32,
-    /// Time of the animation, in seconds.
-    pub time_s: f32,
-    /// Rays of each pixel, at most.
-    pub rays: u32,
-    /// Samples of the reference, where there is one.
-    pub reference_samples: u64,
-    /// The pixel that is inspected.
-    pub inspected: Option<Inspected>,
-    /// What has become of the time budget, where there is one.
-    pub budget: Option<BudgetFacts>,
-}
-
-/// A time budget and what it has come to.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BudgetFacts {
-    /// The time that the frame took.
-    pub frame: Duration,
-    /// The rung of the settings that made it, from 0.
-    pub level: usize,
-    /// Frames so far, and those within the budget.
-    pub counts: Counts,
-    /// Whether even the cheapest settings take longer.
-    pub out_of_reach: bool,
-}
-
-/// A pixel, as the buffers have it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Inspected {
-    /// Which.
-    pub px: UVec2,
-    /// What it sees.
-    pub surface: Surface,
-    /// What it holds at the end of the chain.
-    pub reservoir: Reservoir,
-    /// Its mean and variance.
-    pub moments: Moments,
-    /// How far its surface has moved on the screen, in pixels.
-    pub motion: Option<glam::Vec2>,
-    /// The light that it holds, in words.
-    pub light: String,
-    /// Number of the frame.
-    pub frame: u32,
-}
-
-/// What is known of a scene.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct SceneFacts {
-    /// Its name.
-    pub name: String,
-    /// Triangles over all instances.
-    pub triangles: u64,
-    /// Emissive ones.
-    pub lights: u64,
-    /// Instances.
-    pub instances: usize,
-    /// Whether anything moves over time.
-    pub moves: bool,
-    /// Whether there is an environment map.
-    pub environment: bool,
-    /// Bytes of its buffers.
-    pub bytes: u64,
-    /// Its box.
-    pub bounds: Option<Bounds>,
-}
-
-/// Where frames are computed.
-enum Place {
-    Cpu,
-    Gpu(Gpu, GpuScene),
-}
-
-/// An executor with its plan.
-struct Chain {
-    technique: Technique,
-    plan: Plan,
-    executor: Executor,
-    schedule: Arc<Schedule>,
-}
-
-/// A second picture of the same frames, by other settings.
-#[derive(Default)]
-struct Second {
-    real_time: Option<Chain>,
-    still: Option<Chain>,
-    last: Option<Frame>,
 }
 
 /// What has to stay the same for a picture to stand still.
@@ -261,7 +118,7 @@ impl Engine {
             camera: scene.camera.unwrap_or_else(|| framing(&scene)),
             seed: 0,
             stop: Stop::Samples(1),
-            curve: crate::technique::ToneCurve::default(),
+            curve: ToneCurve::default(),
             exposure: 1.0,
             technique: Technique::RealTime,
             settings: Settings::default(),
@@ -413,12 +270,10 @@ impl Engine {
         }
         self.key = Some(key);
         // A still is made of frames of one moment.
-        let mode = self.accumulation.next(moved, want.accumulate, want.goal_percent);
         let refines = want.compare == Compare::Reference || want.view == View::Error;
-        let (technique, samples) = match mode {
-            Mode::Rest if refines && self.estimates.first().is_none_or(|e| e.count < 4096) => {
-                (Technique::Still, self.accumulation.samples().max(1) - 1)
-            }
+        let refines = refines && self.estimates.first().is_none_or(|estimate| estimate.count < REFERENCE_SAMPLES);
+        let goal = if refines { None } else { Some(want.goal_percent) };
+        let (technique, samples) = match self.accumulation.next(moved, want.accumulate, goal) {
             Mode::Rest => return Ok(None),
             Mode::RealTime => (Technique::RealTime, 0),
             Mode::Still(samples) => (Technique::Still, samples),
@@ -512,7 +367,7 @@ impl Engine {
         }
         let times = chain.executor.run(&chain.plan, scene, &frames)?;
         if want.auto_exposure && (frames.now.accumulated % 8 == 0 || frames.now.accumulated < 16) {
-            let mean = log_mean(chain, request)?;
+            let mean = look::log_mean(chain, request)?;
             self.exposure = exposure::adapted(self.exposure, mean, want.exposure);
         }
         if request.technique == Technique::Still {
@@ -533,14 +388,14 @@ impl Engine {
             reference.accumulate(&mut self.estimates, block, 1);
         }
         let inspected = match want.inspect {
-            Some(px) => Some(inspect(chain, sequence.packed(), &frames, px)?),
+            Some(px) => Some(look::inspect(chain, sequence.packed(), &frames, px)?),
             None => None,
         };
         let size = [request.width, request.height];
         let pixels = if want.view == View::Picture {
             pixels_of(chain)?
         } else {
-            let colors = colors(chain, want.view, sequence.packed(), &frames, &self.estimates)?;
+            let colors = look::colors(chain, want.view, sequence.packed(), &frames, &self.estimates)?;
             Pixels::Host(Arc::new(colors))
         };
         let other = match want.compare {
@@ -599,30 +454,6 @@ impl Engine {
     }
 }
 
-impl Second {
-    fn pixels(
-        &mut self,
-        place: &Place,
-        packed: &PackedScene,
-        request: &Request,
-        frames: &FramePair,
-    ) -> Result<Pixels, EngineError> {
-        let real_time = request.technique == Technique::RealTime;
-        let chain = if real_time { &mut self.real_time } else { &mut self.still };
-        let made_anew = chain_for(chain, place, packed, request, &["moments", "display"])?;
-        let chain = chain.as_mut().expect("made above");
-        let last = self.last.filter(|_| !made_anew && real_time && frames.now.has_history != 0);
-        let (index, accumulated) = (frames.now.index, frames.now.accumulated);
-        let has_history = u32::from(last.is_some());
-        let now = Frame { index, accumulated, has_history, ..frame_of(packed, request) };
-        if real_time {
-            self.last = Some(now);
-        }
-        chain.executor.run(&chain.plan, packed.buffers(), &FramePair { now, prev: last.unwrap_or(now) })?;
-        Ok(pixels_of(chain)?)
-    }
-}
-
 fn framing(scene: &Scene) -> Camera {
     Camera::framing(scene.bounds().unwrap_or(Bounds { min: Vec3::ZERO, max: Vec3::ONE }))
 }
@@ -640,204 +471,5 @@ fn facts(scene: &Scene, packed: &PackedScene) -> SceneFacts {
     }
 }
 
-fn place(gpu: Option<&Gpu>, packed: &PackedScene) -> Result<Place, GpuError> {
-    Ok(match gpu {
-        None => Place::Cpu,
-        Some(gpu) => Place::Gpu(gpu.clone(), pollster::block_on(GpuScene::upload(gpu, packed.buffers()))?),
-    })
-}
-
-fn update(place: &Place, scene: SceneBuffers<'_>, changed: Vec<Changed>) -> Result<(), GpuError> {
-    if let Place::Gpu(gpu, on_gpu) = place {
-        for Changed { buffer, range } in changed {
-            on_gpu.update(gpu, buffer, range.start as u64, &scene.bytes(buffer)[range])?;
-        }
-    }
-    Ok(())
-}
-
-/// What has to outlive the frame: what is shown, measured or inspected of it.
-fn outputs_of(want: &Want, technique: Technique) -> Vec<&'static str> {
-    let mut outputs = vec!["moments", "display"];
-    let inspects = want.inspect.is_some();
-    if inspects || want.view.needs_surfaces() {
-        outputs.push("surfaces");
-    }
-    if (inspects || want.view.needs_reservoirs()) && technique == Technique::RealTime {
-        outputs.push("reservoirs");
-    }
-    outputs
-}
-
-/// The resource that holds what is shaded. In real time that is what the next frame remembers.
-fn held(plan: &Plan) -> Option<&'static str> {
-    let written = |step: &crate::graph::Planned| {
-        let mut writes = step.pass.bindings.iter().zip(&step.names).filter(|(b, _)| b.access == Access::Write);
-        writes.find(|(b, _)| ["fresh", "visible", "merged"].contains(&b.name)).map(|(_, name)| *name)
-    };
-    plan.steps.iter().rev().find_map(written)
-}
-
-/// Makes the chain unless there is one of the same plan; says whether it did.
-fn chain_for(
-    chain: &mut Option<Chain>,
-    place: &Place,
-    packed: &PackedScene,
-    request: &Request,
-    outputs: &[&'static str],
-) -> Result<bool, EngineError> {
-    let facts = facts_of(packed, request.width, request.height, &request.settings);
-    let planned =
-        |outputs: &[&'static str]| direct_light(request.technique, &request.settings, &facts, request.curve, outputs);
-    let mut plan = planned(outputs)?;
-    // The reservoirs of a still have a name for each round; those of the last are the ones to keep.
-    if request.technique == Technique::Still
-        && let Some(held) = held(&plan)
-    {
-        plan = planned(&[outputs, &[held]].concat())?;
-    }
-    if chain.as_ref().is_some_and(|chain| chain.technique == request.technique && same(&chain.plan, &plan)) {
-        return Ok(false);
-    }
-    // The old one is let go of first: two may not fit.
-    *chain = None;
-    let executor = match place {
-        Place::Cpu => Executor::Cpu(Box::new(CpuExecutor::new(&plan))),
-        Place::Gpu(gpu, scene) => {
-            let made = GpuExecutor::on_scene(gpu, &plan, scene, Loader::Auto, Module::Plain);
-            let executor = pollster::block_on(made)?;
-            gpu.store_pipelines();
-            Executor::Gpu(Box::new(executor))
-        }
-    };
-    let schedule = Arc::new(schedule(&plan));
-    *chain = Some(Chain { technique: request.technique, plan, executor, schedule });
-    Ok(true)
-}
-
-/// Whether two plans run the same passes on the same memory.
-fn same(a: &Plan, b: &Plan) -> bool {
-    let is_like = |(a, b): (&crate::graph::Planned, &crate::graph::Planned)| {
-        a.variant.entry_point == b.variant.entry_point && (&a.slots, &a.names, a.round) == (&b.slots, &b.names, b.round)
-    };
-    a.facts == b.facts
-        && a.outputs == b.outputs
-        && a.pool == b.pool
-        && a.history == b.history
-        && a.steps.len() == b.steps.len()
-        && a.steps.iter().zip(&b.steps).all(is_like)
-}
-
-fn schedule(plan: &Plan) -> Schedule {
-    let names = |step: &crate::graph::Planned, access: Access| {
-        let used = step.slots.iter().zip(&step.names);
-        let used = used.filter(|((a, slot), _)| *a == access && !matches!(slot, crate::graph::Slot::Scene(_)));
-        used.map(|(_, name)| *name).collect::<Vec<_>>()
-    };
-    let scheduled = |step: &crate::graph::Planned| Scheduled {
-        pass: step.pass.name,
-        reads: names(step, Access::Read),
-        writes: names(step, Access::Write),
-    };
-    Schedule {
-        steps: plan.steps.iter().map(scheduled).collect(),
-        left_out: plan.culled.iter().map(|(pass, why)| (*pass, why.to_string())).collect(),
-        frame_bytes: plan.frame_bytes(),
-    }
-}
-
-/// Rays of a pixel in a frame, at most.
-fn rays(plan: &Plan, settings: &Settings) -> u32 {
-    use weir_shared::reuse::probe;
-    let merges = |neighbors: u32| match settings.rays.probe() {
-        probe::NONE => 0,
-        probe::ONE => 1,
-        _ => 1 + neighbors,
-    };
-    let of = |pass: &str| match pass {
-        "primary" => 1,
-        "bsdf_rays" | "visibility" => settings.reservoirs,
-        "temporal_rays" => settings.reservoirs * merges(1 + settings.temporal_neighbors),
-        "spatial_rays" => settings.reservoirs * merges(settings.spatial_neighbors.max(settings.still_neighbors)),
-        _ => 0,
-    };
-    plan.steps.iter().map(|step| of(step.pass.name)).sum()
-}
-
-/// Looks at some rows of the picture.
-fn log_mean(chain: &mut Chain, request: &Request) -> Result<Option<f32>, GpuError> {
-    let row_bytes = u64::from(request.width) * size_of::<Moments>() as u64;
-    let rows = exposure::rows(request.height);
-    let parts: Vec<_> = rows.iter().map(|&y| u64::from(y) * row_bytes..u64::from(y + 1) * row_bytes).collect();
-    let bytes = chain.executor.read_parts(&chain.plan, "moments", &parts)?;
-    Ok(exposure::log_mean(bytes.elements()))
-}
-
-fn pixels_of(chain: &mut Chain) -> Result<Pixels, GpuError> {
-    Ok(match &chain.executor {
-        Executor::Gpu(executor) => Pixels::Gpu(executor.output_buffer("display").expect("an output").clone()),
-        Executor::Cpu(_) => Pixels::Host(Arc::new(chain.executor.read(&chain.plan, "display")?.elements().to_vec())),
-    })
-}
-
-fn colors(
-    chain: &mut Chain,
-    view: View,
-    packed: &PackedScene,
-    frames: &FramePair,
-    estimates: &[Estimate],
-) -> Result<Vec<u32>, GpuError> {
-    let mut read = |wanted: bool, name: Option<&str>| match name.filter(|_| wanted) {
-        Some(name) => chain.executor.read(&chain.plan, name),
-        None => Ok(AlignedBytes::default()),
-    };
-    let reservoirs = held(&chain.plan);
-    let surfaces = read(view.needs_surfaces(), Some("surfaces"))?;
-    let reservoirs = read(view.needs_reservoirs(), reservoirs)?;
-    let moments = read(view.needs_moments(), Some("moments"))?;
-    let reference: Vec<Vec3> = match view {
-        View::Error => estimates.iter().map(|e| e.mean.as_vec3()).collect(),
-        _ => Vec::new(),
-    };
-    Ok(buffers::false_color(
-        view,
-        &buffers::Buffers {
-            frames,
-            scene: pick::view_of(packed),
-            surfaces: surfaces.elements(),
-            reservoirs: reservoirs.elements(),
-            moments: moments.elements(),
-            reference: &reference,
-        },
-    ))
-}
-
-fn inspect(chain: &mut Chain, packed: &PackedScene, frames: &FramePair, px: UVec2) -> Result<Inspected, GpuError> {
-    let frame = &frames.now;
-    let px = px.min(UVec2::new(frame.width - 1, frame.height - 1));
-    let mut element = |name: &str, index: u32, bytes: u64| {
-        let at = u64::from(index) * bytes;
-        chain.executor.read_parts(&chain.plan, name, &[at..at + bytes])
-    };
-    let surface: Surface = element("surfaces", frame.index_of(px), size_of::<Surface>() as u64)?.elements()[0];
-    let moments: Moments = element("moments", frame.index_of(px), size_of::<Moments>() as u64)?.elements()[0];
-    let reservoir = match held(&chain.plan) {
-        Some(name) => {
-            let at = frame.index_of_reservoir(px, 0);
-            let bytes = u64::from(at) * size_of::<Reservoir>() as u64;
-            let end = bytes + size_of::<Reservoir>() as u64;
-            chain.executor.read_parts(&chain.plan, name, &[bytes..end])?.elements()[0]
-        }
-        None => Reservoir::EMPTY,
-    };
-    let scene = pick::view_of(packed);
-    Ok(Inspected {
-        px,
-        surface,
-        reservoir,
-        moments,
-        motion: (!surface.is_sky()).then(|| buffers::motion(frames, &scene, &surface)).flatten(),
-        light: pick::light_in_words(packed, frame, &reservoir),
-        frame: frame.index,
-    })
-}
+#[cfg(test)]
+mod tests;

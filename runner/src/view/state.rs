@@ -17,6 +17,7 @@ use super::{
     worker::{Job, News, Purpose},
 };
 use crate::{
+    output::{Destination, atomic},
     scene::{Camera, builtin, choice::Choice},
     settings::{Preset, Settings},
     technique::{Technique, ToneCurve},
@@ -468,6 +469,20 @@ impl State {
             return;
         }
         self.jobs.push(Job::Save(save::free_name(&folder, &self.facts.name, self.view, ending)));
+    }
+
+    /// Writes the camera as JSON, beside the pictures.
+    pub fn save_camera(&mut self) {
+        let folder = save::folder();
+        let path = save::free_name(&folder, &format!("{}_camera", self.facts.name), View::Picture, "json");
+        let saved = std::fs::create_dir_all(&folder).map_err(|error| error.to_string()).and_then(|()| {
+            let text = camera_json(self.rig.camera);
+            atomic::write(&Destination::File(path.clone()), text.as_bytes()).map_err(|error| error.to_string())
+        });
+        match saved {
+            Ok(()) => self.say(format!("saved {}; `--camera` reads it", path.display())),
+            Err(reason) => self.fail(format!("cannot save the camera: {reason}")),
+        }
     }
 
     fn record(&mut self) {

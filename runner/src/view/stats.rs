@@ -14,6 +14,8 @@ pub struct Stats {
     pub frame_ms: VecDeque<f64>,
     /// Milliseconds of each pass, smoothed, in the order of the frame.
     pub passes: Vec<(&'static str, f64)>,
+    /// The same over the last frames, the newest last; one list for each pass.
+    pub pass_ms: Vec<VecDeque<f64>>,
     /// Milliseconds and rung of the last frames under a time budget, the newest last.
     pub budget: VecDeque<(f64, usize)>,
     smoothed_ms: Option<f64>,
@@ -34,10 +36,14 @@ impl Stats {
         let is_same = self.passes.iter().map(|(pass, _)| *pass).eq(times.iter().map(|(pass, _)| *pass));
         if !is_same {
             self.passes = times.iter().map(|(pass, time)| (*pass, time.as_secs_f64() * 1e3)).collect();
-            return;
+            self.pass_ms = vec![VecDeque::new(); times.len()];
         }
-        for ((_, smoothed), (_, time)) in self.passes.iter_mut().zip(times) {
+        for (((_, smoothed), history), (_, time)) in self.passes.iter_mut().zip(&mut self.pass_ms).zip(times) {
             *smoothed = blended(Some(*smoothed), time.as_secs_f64() * 1e3);
+            if history.len() == FRAMES {
+                history.pop_front();
+            }
+            history.push_back(*smoothed);
         }
     }
 
@@ -73,6 +79,7 @@ mod tests {
         assert!((stats.passes[0].1 - 4.4).abs() < 1e-9);
         stats.add(ms(20), &[("primary", ms(8)), ("shade", ms(2))]);
         assert_eq!(stats.passes, [("primary", 8.0), ("shade", 2.0)]);
+        assert_eq!(stats.pass_ms, [[8.0], [2.0]]);
         for _ in 0..2 * FRAMES {
             stats.add(ms(1), &[]);
         }

@@ -148,6 +148,9 @@ impl Worker {
     pub fn want(&self, want: &Want, taken: u64) {
         let mut inbox = lock(&self.shared.inbox);
         if inbox.taken != taken || inbox.want.as_ref() != Some(want) {
+            if inbox.want.as_ref() != Some(want) {
+                lock(&self.shared.outbox).resting = false;
+            }
             inbox.want = Some(want.clone());
             inbox.taken = taken;
             self.shared.bell.notify_one();

@@ -19,21 +19,19 @@ pub fn list(ui: &mut Ui, state: &mut State) {
         return;
     }
     let mut closed = None;
-    egui::Area::new(egui::Id::unique("messages")).anchor(Align2::CENTER_TOP, [0.0, 12.0]).show(ui.ctx(), |ui| {
+    egui::Area::new(egui::Id::unique("messages")).anchor(Align2::CENTER_TOP, [0.0, 36.0]).show(ui.ctx(), |ui| {
         for (i, message) in state.messages.iter().enumerate() {
             let (fill, title) = match message.is_error {
                 true => (Color32::from_rgb(110, 30, 30), "error"),
                 false => (Color32::from_rgb(30, 60, 40), "message"),
             };
             Frame::popup(ui.style()).fill(fill).show(ui, |ui| {
-                ui.horizontal(|ui| {
-                    ui.set_max_width(520.0);
-                    ui.label(RichText::new(&message.text).color(Color32::WHITE));
-                    let close = ui.small_button("close").on_hover_text(format!("close this {title}"));
-                    if close.clicked() {
-                        closed = Some(i);
-                    }
-                });
+                ui.set_max_width(560.0);
+                ui.label(RichText::new(&message.text).color(Color32::WHITE));
+                let close = ui.small_button("close").on_hover_text(format!("close this {title}"));
+                if close.clicked() {
+                    closed = Some(i);
+                }
             });
         }
     });

@@ -104,3 +104,6 @@ fn status(ui: &mut Ui, state: &State) {
         ui.label("F1: keys");
     });
 }
+
+#[cfg(test)]
+mod tests;

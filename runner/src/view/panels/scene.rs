@@ -51,6 +51,9 @@ pub fn camera(ui: &mut Ui, state: &mut State) {
         if ui.button("Reset").clicked() {
             state.act(Action::ResetCamera);
         }
+        if ui.button("Save JSON").on_hover_text("what --camera reads").clicked() {
+            state.save_camera();
+        }
         if ui.button("Copy JSON").on_hover_text("what --camera reads").clicked() {
             state.orders.push(Order::Copy(camera_json(state.rig.camera)));
         }

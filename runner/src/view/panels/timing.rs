@@ -5,7 +5,7 @@ use egui_plot::{Line, Plot, PlotPoints};
 
 use crate::view::state::State;
 
-/// The time of frames as a curve, and of each pass as a number.
+/// The time of frames and of each pass, as curves and as numbers.
 pub fn times(ui: &mut Ui, state: &mut State) {
     let stats = &state.stats;
     let ms = stats.smoothed_ms();
@@ -19,7 +19,13 @@ pub fn times(ui: &mut Ui, state: &mut State) {
         .allow_drag(false)
         .allow_scroll(false)
         .show_axes([false, true])
-        .show(ui, |plot| plot.line(Line::new("ms a frame", points)));
+        .show(ui, |plot| {
+            plot.line(Line::new("ms a frame", points));
+            for ((pass, _), history) in stats.passes.iter().zip(&stats.pass_ms) {
+                let points: PlotPoints<'_> = history.iter().enumerate().map(|(i, ms)| [i as f64, *ms]).collect();
+                plot.line(Line::new(*pass, points));
+            }
+        });
     if let Some(frames) = &state.frames {
         let [width, height] = frames.shown.size;
         let rays = f64::from(frames.rays) * f64::from(width) * f64::from(height);

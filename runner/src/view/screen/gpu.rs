@@ -301,7 +301,13 @@ impl GpuScreen {
 }
 
 fn surface_of(instance: &wgpu::Instance, window: &Arc<Window>) -> Result<wgpu::Surface<'static>, GpuError> {
-    instance.create_surface(Arc::clone(window)).map_err(|error| GpuError::Surface(error.to_string()))
+    instance.create_surface(Arc::clone(window)).map_err(|error| {
+        // Without any driver, the reason is that, and not the window.
+        match pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all())).is_empty() {
+            true => GpuError::NoAdapter,
+            false => GpuError::Surface(error.to_string()),
+        }
+    })
 }
 
 impl Gpu {
