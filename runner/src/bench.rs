@@ -179,7 +179,7 @@ pub fn run(
         plan.methods.iter().cloned().partition(Method::is_independent);
     let mut results =
         Results { schema: SCHEMA.to_owned(), machine, options: plan.options.clone(), ..Results::default() };
-    let mut galleries = Vec::new();
+    let (mut galleries, mut first_judge) = (Vec::new(), None);
     let write = |results: &Results, galleries: &[Gallery]| -> Result<(), OutputError> {
         let failed = |reason: String| OutputError::Encode { format: "JSON", reason };
         let json = serde_json::to_vec_pretty(results).map_err(|error| failed(error.to_string()))?;
@@ -211,14 +211,15 @@ pub fn run(
             methods: found,
             peak_bytes: peak_bytes(),
         });
-        galleries.push(Gallery { scene: target.name.clone(), reference: judge.picture, shown });
+        galleries.push(Gallery { scene: target.name.clone(), reference: judge.picture.clone(), shown });
+        first_judge.get_or_insert(judge);
         if let Some(reason) = halt.reason() {
             results.left_out.push(format!("a part of scene {}: {reason}", target.name));
         }
         write(&results, &galleries)?;
     }
-    if plan.extra_frames > 0 {
-        extras(plan, backend, &halt, tell, &mut results)?;
+    if let Some(judge) = first_judge.filter(|_| plan.extra_frames > 0) {
+        extras(plan, &judge, backend, &halt, tell, &mut results)?;
         write(&results, &galleries)?;
     }
     Ok(results)
@@ -230,6 +231,7 @@ pub const FILES: [&str; 3] = ["results.json", "results.csv", "report.html"];
 /// Cost against the number of lights, and one knob at a time.
 fn extras(
     plan: &Plan,
+    judge: &Judge,
     backend: &Backend<'_>,
     halt: &Halt<'_>,
     tell: &dyn Fn(&str),
@@ -237,7 +239,6 @@ fn extras(
 ) -> Result<(), BenchError> {
     if let Some(target) = plan.scenes.first() {
         tell(&format!("{}: one knob at a time", target.name));
-        let judge = Judge::get(target, plan.reference.as_deref(), plan.reference_time, backend, halt)?;
         let mut turned = Vec::new();
         for (key, values) in ABLATION {
             for value in *values {
@@ -257,7 +258,7 @@ fn extras(
                 results.left_out.push(format!("ablation of {key}: {reason}"));
                 continue;
             }
-            let (found, _) = chains::measure(target, &methods, &judge, plan.extra_frames, 1, backend, halt)?;
+            let (found, _) = chains::measure(target, &methods, judge, plan.extra_frames, 1, backend, halt)?;
             for ((key, value, method), found) in of_knob.into_iter().zip(found) {
                 results.ablation.push(Ablation {
                     scene: target.name.clone(),

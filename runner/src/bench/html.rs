@@ -16,7 +16,7 @@ use crate::{
     output::{Picture, heat::color_of, png},
 };
 
-const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;max-width:1180px;margin:2em auto;padding:0 1em;color:#222}\
+const STYLE: &str = "body{font:15px/1.45 system-ui,sans-serif;max-width:1500px;margin:2em auto;padding:0 1em;color:#222}\
 h1{font-size:1.5em}h2{margin-top:2em;border-bottom:1px solid #ccc}table{border-collapse:collapse;margin:1em 0;font-size:13px}\
 th,td{padding:3px 9px;text-align:right;border-bottom:1px solid #e4e4e4;white-space:nowrap}th{border-bottom:1px solid #888}\
 th:first-child,td:first-child{text-align:left}small{color:#666}.scroll{overflow-x:auto}\

@@ -20,14 +20,16 @@ use crate::{
     },
     packed::PackedScene,
     render::{Backend, RenderError, Rendered, Request, Stop, layers, render, render_reference},
+    technique::Technique,
 };
 
 /// Seed of references: none that a method gets.
 const SEED: u32 = 0x5eed_0000;
 /// Of a cached reference that was given this share of the time asked for, no better one is made.
 const GOOD_ENOUGH: f32 = 0.9;
-/// Samples of the trial that decides which integrator makes it.
-const TRIAL: u32 = 4;
+/// With more lights than this the reference integrator, which draws them uniformly, would find few that matter, and the
+/// variance of what it finds would not say so.
+const MOST_UNIFORM: u32 = 1024;
 
 /// A file that can't be the reference.
 #[derive(Debug, Error)]
@@ -158,10 +160,10 @@ impl Judge {
         }
         let (rendered, integrator) = make(target, time, backend, halt)?;
         let path = kept.clone().unwrap_or_default();
-        let judge = Self::new(rendered.picture.clone(), &rendered.variance, rendered.samples, integrator, &path);
+        let judge = Self::new(rendered.picture.clone(), &rendered.variance, rendered.samples, &integrator, &path);
         if halt.reason().is_none() {
             if let Some(path) = kept {
-                keep(&path, target, &rendered, integrator);
+                keep(&path, target, &rendered, &integrator);
             }
         }
         Ok(judge)
@@ -181,36 +183,37 @@ fn cache_path(target: &Target) -> Option<PathBuf> {
     let view = [camera.origin, camera.target, camera.up].map(|v| v.to_array());
     hash.update(bytemuck::bytes_of(&view)).update(&camera.vfov_deg.to_le_bytes());
     hash.update(&target.width.to_le_bytes()).update(&target.height.to_le_bytes());
-    // What a picture of the same scene depends on: other code may see it otherwise.
-    hash.update(env!("CARGO_PKG_VERSION").as_bytes());
+    // How it is made.
+    hash.update(format!("{} {MOST_UNIFORM} {:?}", env!("CARGO_PKG_VERSION"), candidates().settings).as_bytes());
     let stem = target.name.replace(|c: char| !c.is_ascii_alphanumeric(), "-");
     Some(folder.join(format!("{stem}-{}x{}-{}.exr", target.width, target.height, &hash.finalize().to_hex()[..16])))
 }
 
-/// What reuse does not touch: the reference integrator, or the candidates of `balanced` with neither neighbours nor
-/// history, whichever has less noise in the same time.
+/// The candidates that make it where there are many lights.
+fn candidates() -> Method {
+    let knobs = ["candidates.count=16", "candidates.tree=12"];
+    Method::new("candidates without reuse", Technique::Candidates, knobs).expect("knobs and values that exist")
+}
+
+/// What reuse does not touch: the reference integrator, or where there are many lights, candidates with neither neighbours
+/// nor history.
 fn make(
     target: &Target,
     time: Duration,
     backend: &Backend<'_>,
     halt: &Halt<'_>,
-) -> Result<(Rendered, &'static str), RenderError> {
-    let method = Method::named("candidates").expect("it is in the table");
-    let request = |stop| Request { seed: SEED, stop, ..target.request(&method) };
-    let trial = request(Stop::Samples(TRIAL));
-    let [paths, candidates] =
-        [render_reference(&target.packed, &trial, |_| true)?, render(&target.packed, &trial, backend, |_| true)?];
-    let cost = |r: &Rendered| r.margin.map_or(f64::INFINITY, |m| m.error.powi(2)) * r.elapsed.as_secs_f64();
-    let long = request(Stop::Time(time));
-    if cost(&paths) <= cost(&candidates) {
-        Ok((render_reference(&target.packed, &long, |_| halt.reason().is_none())?, "reference"))
+) -> Result<(Rendered, String), RenderError> {
+    let method = candidates();
+    let request = Request { seed: SEED, stop: Stop::Time(time), ..target.request(&method) };
+    let go_on = |_| halt.reason().is_none();
+    if target.packed.frame.light_count <= MOST_UNIFORM {
+        Ok((render_reference(&target.packed, &request, go_on)?, String::from("the reference integrator")))
     } else {
-        Ok((render(&target.packed, &long, backend, |_| halt.reason().is_none())?, "candidates without reuse"))
+        Ok((render(&target.packed, &request, backend, go_on)?, method.name))
     }
 }
 
-fn keep(path: &Path, target: &Target, rendered: &Rendered, integrator: &'static str) {
-    let method = Method::named("candidates").expect("it is in the table");
+fn keep(path: &Path, target: &Target, rendered: &Rendered, integrator: &str) {
     let time_s = rendered.elapsed.as_secs_f32();
     let metadata = Metadata {
         render_time_s: Some(time_s),
@@ -220,7 +223,7 @@ fn keep(path: &Path, target: &Target, rendered: &Rendered, integrator: &'static 
     };
     let write = || -> Result<(), Box<dyn std::error::Error>> {
         path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
-        let layers = layers(&target.packed, &target.request(&method), rendered)?;
+        let layers = layers(&target.packed, &target.request(&candidates()), rendered)?;
         exr::write(&Destination::File(path.to_owned()), &rendered.picture, &layers, &metadata)?;
         let made = Made { integrator: integrator.to_owned(), time_s };
         Ok(atomic::write(&Destination::File(path.with_extension("json")), &serde_json::to_vec(&made)?)?)

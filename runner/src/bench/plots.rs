@@ -5,7 +5,9 @@ use plotters::prelude::*;
 use super::results::{Ablation, LightCost, MethodResults, SceneResults};
 
 /// Pixels of a plot.
-const SIZE: (u32, u32) = (760, 440);
+const SIZE: (u32, u32) = (900, 440);
+/// Those of them that names take.
+const LEGEND: u32 = 180;
 /// Font of labels; the browser finds it.
 const FONT: (&str, i32) = ("sans-serif", 14);
 
@@ -61,12 +63,12 @@ fn log_log(axes: &Axes<'_>, series: &[Series]) -> String {
     let mut svg = String::new();
     let drawn = (|| -> Result<(), Box<dyn std::error::Error>> {
         let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
-        let mut chart = ChartBuilder::on(&area)
+        let (left, right) = area.split_horizontally(SIZE.0 - LEGEND);
+        let mut chart = ChartBuilder::on(&left)
             .caption(axes.title, ("sans-serif", 17))
             .margin(8)
             .x_label_area_size(42)
             .y_label_area_size(70)
-            .right_y_label_area_size(150)
             .build_cartesian_2d(range(0).log_scale(), range(1).log_scale())?;
         chart
             .configure_mesh()
@@ -91,29 +93,16 @@ fn log_log(axes: &Axes<'_>, series: &[Series]) -> String {
                 .draw_series(bars.map(|p| PathElement::new(vec![(p[0], p[2]), (p[0], p[3])], color.stroke_width(1))))?;
             ends.extend(points.last().map(|p| (p[1], s.name.clone(), color)));
         }
-        // Names stand at the right, in the order of the ends of their lines, so that none hides another.
-        let area = chart.plotting_area().get_pixel_range();
-        let (top, bottom, right) = (area.1.start, area.1.end, area.0.end);
+        // Names stand at the right, in the order of the ends of their lines.
         ends.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let step = ((bottom - top) / ends.len().max(1) as i32).clamp(10, 20);
-        let root = chart.plotting_area().strip_coord_spec();
-        let base = root.get_pixel_range();
-        for (place, (_, name, color)) in ends.into_iter().enumerate() {
-            let y = top - base.1.start + step * place as i32;
-            let x = right - base.0.start;
-            root.draw(&Circle::new((x + 14, y + 8), 4, color.filled()))?;
-            root.draw(&Text::new(name, (x + 24, y), FONT.into_font().color(&BLACK)))?;
+        for (place, (_, name, color)) in (0..).zip(ends) {
+            let y = 40 + 20 * place;
+            right.draw(&Circle::new((8, y + 7), 4, color.filled()))?;
+            right.draw(&Text::new(name, (18, y), FONT.into_font().color(&BLACK)))?;
         }
-        area_done(&root)
+        Ok(area.present()?)
     })();
     if drawn.is_err() { String::new() } else { svg }
-}
-
-fn area_done<D: DrawingBackend>(area: &DrawingArea<D, plotters::coord::Shift>) -> Result<(), Box<dyn std::error::Error>>
-where
-    D::ErrorType: 'static,
-{
-    Ok(area.present()?)
 }
 
 /// A number as an axis shows it.
