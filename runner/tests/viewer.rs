@@ -61,7 +61,7 @@ impl Display {
         let file = self.path("script");
         fs::write(&file, script).expect("writable");
         let file = file.to_str().expect("a plain path");
-        let size = ["view", scene, "--size", "800x560", "--scale", "0.25", "--script", file];
+        let size = ["view", scene, "--size", "1000x560", "--scale", "0.25", "--script", file];
         let mut command = self.command(&[&size, more].concat());
         command.envs(variables.iter().copied()).stdout(Stdio::null()).stderr(Stdio::piped());
         let mut child = command.spawn().expect("the binary starts");
@@ -146,11 +146,11 @@ fn resizing_minimising_and_losing_the_surface_or_the_gpu_are_survived() {
     for i in 0..20 {
         script += &format!("resize {} {}\nwait 1\n", 300 + 37 * (i * 7 % 13), 200 + 23 * (i * 5 % 11));
     }
-    script += "minimize\nrestore\nresize 800 560\nwait 4\nscreenshot resized.png\nlose-surface\nwait 2\nlose\nwait 4\n\
+    script += "minimize\nrestore\nresize 1000 560\nwait 4\nscreenshot resized.png\nlose-surface\nwait 2\nlose\nwait 4\n\
                screenshot recovered.png\nlose\nwait 2\nlose\nwait 4\nscreenshot host.png\nquit\n";
     let stderr = display.run("cornell", &script, &["--backend", "cpu"], &[]);
     let resized = display.shot("resized.png");
-    assert_eq!(resized.dimensions(), (800, 560));
+    assert_eq!(resized.dimensions(), (1000, 560));
     assert!(has_content(&picture(&resized)));
     for name in ["recovered.png", "host.png"] {
         assert!(has_content(&picture(&display.shot(name))), "{name} is blank");

@@ -73,7 +73,6 @@ pub fn picture(ui: &mut Ui, state: &mut State) {
         let x = rect.left() + state.divider * rect.width();
         (position.x - x).abs() < 8.0
     };
-    let grabs = ui.data(|data| data.get_temp::<bool>(response.id)).unwrap_or(false);
     if response.drag_started_by(PointerButton::Primary) {
         let compares = state.compare != super::want::Compare::Off;
         let grabbed = compares && ui.input(|input| input.pointer.press_origin()).is_some_and(near_divider);
@@ -81,6 +80,7 @@ pub fn picture(ui: &mut Ui, state: &mut State) {
     } else if response.drag_stopped() {
         ui.data_mut(|data| data.insert_temp(response.id, false));
     }
+    let grabs = ui.data(|data| data.get_temp::<bool>(response.id)).unwrap_or(false);
     if drag != vec2(0.0, 0.0) {
         if response.dragged_by(PointerButton::Middle) || (response.dragged_by(PointerButton::Primary) && shift) {
             state.rig.pan(drag.x, drag.y);

@@ -15,16 +15,30 @@ use egui::{CentralPanel, CollapsingHeader, Frame, Panel, RichText, ScrollArea, U
 use super::{input, state::State};
 use crate::technique::Technique;
 
+/// Width of the panel of what can be changed, in points.
+const CONTROLS: f32 = 300.0;
+/// Width of the panel of what is measured.
+const NUMBERS: f32 = 310.0;
+/// Least width of the line at the bottom.
+const MARGIN: f32 = 60.0;
+
 /// All of the window.
 pub fn window(ui: &mut Ui, state: &mut State) {
     input::keys(ui, state);
-    if state.panels {
+    // A third of the window at least is for the picture.
+    let width = ui.max_rect().width();
+    if state.panels && width > 4.0 * MARGIN {
         Panel::bottom("status").show(ui, |ui| status(ui, state));
-        Panel::left("controls").default_size(300.0).show(ui, |ui| {
-            ScrollArea::vertical().auto_shrink(false).show(ui, |ui| controls(ui, state));
+    }
+    // Wide contents are scrolled to: a panel that grew with a number would make the picture start anew.
+    if state.panels && width > 1.5 * CONTROLS {
+        Panel::left("controls").default_size(CONTROLS).show(ui, |ui| {
+            ScrollArea::both().auto_shrink(false).show(ui, |ui| controls(ui, state));
         });
-        Panel::right("numbers").default_size(310.0).show(ui, |ui| {
-            ScrollArea::vertical().auto_shrink(false).show(ui, |ui| numbers(ui, state));
+    }
+    if state.panels && width > 1.5 * (CONTROLS + NUMBERS) {
+        Panel::right("numbers").default_size(NUMBERS).show(ui, |ui| {
+            ScrollArea::both().auto_shrink(false).show(ui, |ui| numbers(ui, state));
         });
     }
     CentralPanel::default().frame(Frame::NONE).show(ui, |ui| {
