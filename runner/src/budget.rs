@@ -9,8 +9,8 @@
 //! How it decides, all in logarithms of milliseconds, where the noise of times is about the same at all loads:
 //!
 //! - The time of a frame is typical until shown otherwise: the median over the frames since the last change. One that is
-//!   far off is a spike and changes nothing; the second in a row is a new load, and the frames before it are forgotten.
-//!   So are they when five in a row lie on one side, as on a ramp.
+//!   far off is a spike and changes nothing; the third in a row is a new load, and the frames before it are forgotten.
+//!   So are they when six in a row lie on one side, as on a ramp.
 //! - It goes down at once when more than one frame in twenty is to be expected above the budget, and as far as it must.
 //! - It goes up only when the rung above, by the learnt cost of the step, leaves room for the noise and some more: between
 //!   the two conditions lies a band in which nothing moves.
@@ -31,8 +31,12 @@ const WINDOW: usize = 31;
 const SHORTEST_WAIT: u32 = 4;
 /// The same after many steps up that had to be taken back.
 const LONGEST_WAIT: u32 = 256;
+/// Share of what was learnt about steps that a new load makes void.
+const FORGETTING: f64 = 0.2;
 /// Frames in a row on one side of the median that make a drift.
-const DRIFT: usize = 5;
+const DRIFT: usize = 6;
+/// So many frames in a row far off to one side are no spikes.
+const SPIKES_OF_A_NEW_LOAD: usize = 3;
 /// Deviations from the median that make a spike.
 const SPIKE_SIGMAS: f64 = 4.0;
 /// The least that a spike is off, as a logarithm.
@@ -59,8 +63,8 @@ pub struct TimeBudget {
     steps: Vec<f64>,
     /// Logarithms of the times since the last change of rung or load, the latest last.
     recent: VecDeque<f64>,
-    /// The last frame, if it was far off.
-    spike: Option<f64>,
+    /// The latest frames, if they were far off to one side.
+    spikes: Vec<f64>,
     /// Rung and typical time before the last move, while the load is the same.
     moved_from: Option<(usize, f64)>,
     /// Deviation of the logarithms.
@@ -96,7 +100,7 @@ impl TimeBudget {
             level,
             steps: FRONT.windows(2).map(|pair| (pair[1].cost / pair[0].cost).ln()).collect(),
             recent: VecDeque::new(),
-            spike: None,
+            spikes: Vec::new(),
             moved_from: None,
             noise: NOISE,
             wait: SHORTEST_WAIT,
@@ -168,35 +172,35 @@ impl TimeBudget {
         self.decide();
     }
 
-    /// Whether to leave this frame out. If the one before it was as far off, both are a new load.
+    /// Whether to leave this frame out. The third in a row that is far off to one side makes all three a new load.
     fn is_spike(&mut self, time: f64) -> bool {
         let off = time - self.typical();
         if self.recent.len() < 3 || off.abs() < f64::max(SPIKE_SIGMAS * self.noise, SPIKE_LEAST) {
-            self.spike = None;
+            self.spikes.clear();
             return false;
         }
-        match self.spike.take() {
-            Some(before) if (before - self.typical()).signum() == off.signum() => {
-                self.forget_load();
-                self.recent.push_back(before);
-                false
-            }
-            _ => {
-                self.spike = Some(time);
-                true
-            }
+        if self.spikes.last().is_some_and(|last| (last - self.typical()).signum() != off.signum()) {
+            self.spikes.clear();
         }
+        if self.spikes.len() + 1 < SPIKES_OF_A_NEW_LOAD {
+            self.spikes.push(time);
+            return true;
+        }
+        let spikes = std::mem::take(&mut self.spikes);
+        self.forget_load();
+        self.recent.extend(spikes);
+        false
     }
 
-    /// The load is another: what is known of times is void, and what was learnt about steps is half believed.
+    /// The load is another: what is known of times is void, and what was learnt about steps is believed a little less.
     fn forget_load(&mut self) {
         self.recent.clear();
-        self.spike = None;
+        self.spikes.clear();
         self.moved_from = None;
         (self.wait, self.patience) = (0, SHORTEST_WAIT);
         self.since_rise = u32::MAX;
         for (step, pair) in self.steps.iter_mut().zip(FRONT.windows(2)) {
-            *step = 0.5 * (*step + (pair[1].cost / pair[0].cost).ln());
+            *step += FORGETTING * ((pair[1].cost / pair[0].cost).ln() - *step);
         }
     }
 
@@ -207,7 +211,6 @@ impl TimeBudget {
         if last.clone().all(|t| *t > typical + self.noise) || last.clone().all(|t| *t < typical - self.noise) {
             self.recent.drain(..first);
             self.moved_from = None;
-            self.patience = SHORTEST_WAIT;
         }
     }
 
@@ -240,12 +243,14 @@ impl TimeBudget {
             return;
         }
         let typical = self.typical();
+        // Standard error of the median of a normal law: of few frames little is known, so the band is wider.
+        let doubt = 1.25 * self.noise / (self.recent.len() as f64).sqrt();
         let room_at = |level: usize| {
             let [low, high] = [level.min(self.level), level.max(self.level)];
             let steps: f64 = self.steps[low..high].iter().sum();
             self.limit - typical - if level > self.level { steps } else { -steps }
         };
-        if room_at(self.level) < DOWN_SIGMAS * self.noise {
+        if room_at(self.level) + doubt < DOWN_SIGMAS * self.noise {
             let fits = |level: &usize| room_at(*level) >= 0.5 * (DOWN_SIGMAS + UP_SIGMAS) * self.noise;
             let level = (0..self.level).rev().find(fits).unwrap_or(0);
             if level < self.level {
@@ -254,7 +259,7 @@ impl TimeBudget {
                 self.move_to(level);
             }
         } else if self.wait == 0 && self.recent.len() > 2 {
-            let fits = |level: &usize| room_at(*level) >= UP_SIGMAS * self.noise + HYSTERESIS;
+            let fits = |level: &usize| room_at(*level) >= UP_SIGMAS * self.noise + HYSTERESIS + doubt;
             if let Some(level) = (self.level + 1..FRONT.len()).rev().find(fits) {
                 self.move_to(level);
                 self.since_rise = 0;
@@ -267,7 +272,7 @@ impl TimeBudget {
         self.level = level;
         self.settings = FRONT[level].applied_to(&self.base);
         self.recent.clear();
-        self.spike = None;
+        self.spikes.clear();
         self.wait = self.patience;
         self.counts.moves += 1;
     }

@@ -111,12 +111,12 @@ fn all_rungs_set_the_same_knobs_and_one_is_the_default() {
         assert_eq!(rung.applied_to(&Settings::default()) == Settings::default(), rung.is_default, "{:?}", rung.knobs);
     }
     let default = FRONT.iter().find(|rung| rung.is_default).expect("there is one");
-    assert_eq!((default.cost, default.rel_mse), (1.0, 1.0));
+    assert_eq!((default.cost, default.mape), (1.0, 1.0));
 }
 
 #[test]
 fn every_rung_costs_more_than_the_one_below_and_is_better() {
-    assert!(FRONT.windows(2).all(|pair| pair[0].cost < pair[1].cost && pair[0].rel_mse > pair[1].rel_mse));
+    assert!(FRONT.windows(2).all(|pair| pair[0].cost < pair[1].cost && pair[0].mape > pair[1].mape));
 }
 
 /// After a step of the load the rung is found within ten frames and kept, and it is the best that holds the budget. On the

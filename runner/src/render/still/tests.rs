@@ -114,9 +114,10 @@ fn the_mean_of_pictures_that_stop_when_they_look_good_is_biased() {
         let mut batches = Batches::new(PIXELS, None);
         loop {
             sparks.add(1).expect("a frame");
-            if batches.due_in(sparks.frames) == 0 {
-                sparks.show(sparks.frames, &mut batches).expect("moments");
+            if batches.due_in(sparks.frames) > 0 {
+                continue;
             }
+            sparks.show(sparks.frames, &mut batches).expect("moments");
             let margin = batches.margin(sparks.frames, &sparks.moments);
             if sparks.frames >= SHORTEST_PILOT && margin.is_some_and(|m| m.error <= 0.4) {
                 return sparks.mean();
