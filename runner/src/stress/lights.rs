@@ -187,7 +187,7 @@ fn all_off(backend: &Backend<'_>) -> Found {
         };
         let mut clip = Clip::new(backend, &take)?;
         (0..3).try_for_each(|i| clip.show(i, |frames| frames.now.accumulated = i as u32))?;
-        let still = super::clip::Still { moments: clip.output("moments")? };
+        let still = super::clip::Still { moments: clip.output("moments")?, frames: Vec::new() };
         let most = still.channels().fold(0.0, f32::max);
         findings.push(still.finding(most == 0.0, format!("{technique} {most}")));
     }
