@@ -7,6 +7,7 @@ mod info;
 mod open;
 mod pixel;
 mod render;
+mod stress;
 mod view;
 
 use std::{fmt::Write as _, io::Write as _, path::PathBuf};
@@ -44,6 +45,8 @@ enum Command {
     /// With --strict every word must be equal, on adapters that divide exactly. Otherwise at most one pixel in a hundred of
     /// each output may be off by more than a thousandth.
     Check(CheckArguments),
+    /// Run the list of numerical cases and print a table of what was expected and seen; exit code 1 on a failure
+    Stress(StressArguments),
     /// Compare two pictures: measures of error; exit codes 0 to 4 as of OpenImageIO's idiff
     ///
     /// 0: the same within the limits, 1: a warning, 2: too different, 3: sizes differ, 4: a file cannot be read.
@@ -324,6 +327,21 @@ struct CheckArguments {
 }
 
 #[derive(Debug, Args)]
+struct StressArguments {
+    #[command(flatten)]
+    backend: BackendArguments,
+    /// This case alone; can be given several times
+    #[arg(long, value_name = "N")]
+    case: Vec<u32>,
+    /// The table as JSON
+    #[arg(long)]
+    json: bool,
+    /// Instead of the list: 100,000 frames of a chain that stands still and 10,000 of one that moves
+    #[arg(long, conflicts_with_all = ["case", "json"])]
+    endurance: bool,
+}
+
+#[derive(Debug, Args)]
 struct GraphArguments {
     #[command(flatten)]
     scene: SceneArguments,
@@ -370,6 +388,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         Some(Command::Pixel(arguments)) => pixel::run(arguments),
         Some(Command::Render(arguments)) => render::run(arguments),
         Some(Command::Check(arguments)) => check::run(arguments),
+        Some(Command::Stress(arguments)) => stress::run(arguments),
         Some(Command::Compare(arguments)) => compare::run(arguments),
         Some(Command::Bench(arguments)) => bench::run(arguments),
         Some(Command::Graph(arguments)) => {

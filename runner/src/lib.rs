@@ -16,5 +16,6 @@ pub mod scene;
 pub mod sequence;
 pub mod settings;
 pub mod shaders;
+pub mod stress;
 pub mod technique;
 pub mod view;

@@ -46,7 +46,7 @@ impl Executor {
     /// Runs a frame; on a GPU it may still be under way afterwards.
     ///
     /// # Errors
-    /// If the GPU fails.
+    /// If the frame is not of the plan's size, or if the GPU fails.
     pub fn run(
         &mut self,
         plan: &Plan,
@@ -54,7 +54,13 @@ impl Executor {
         frames: &FramePair,
     ) -> Result<Vec<(&'static str, Duration)>, GpuError> {
         match self {
-            Self::Cpu(executor) => Ok(executor.run(plan, scene, frames)),
+            Self::Cpu(executor) => {
+                let [frame, plan_size] = [[frames.now.width, frames.now.height], [plan.facts.width, plan.facts.height]];
+                if frame != plan_size {
+                    return Err(GpuError::FrameSize { frame, plan: plan_size });
+                }
+                Ok(executor.run(plan, scene, frames))
+            }
             Self::Gpu(executor) => {
                 executor.run(frames)?;
                 Ok(executor.last_times().to_vec())
@@ -73,6 +79,21 @@ impl Executor {
             }
         }
         Ok(())
+    }
+
+    /// Writes over a part of an output of the last frame; the next sees that if it is a history.
+    ///
+    /// # Errors
+    /// If the GPU fails.
+    pub fn overwrite(&mut self, plan: &Plan, name: &str, offset: usize, bytes: &[u8]) -> Result<(), GpuError> {
+        match self {
+            Self::Cpu(executor) => {
+                let output = executor.output_mut(plan, name).expect("the plan has this output");
+                output[offset..][..bytes.len()].copy_from_slice(bytes);
+                Ok(())
+            }
+            Self::Gpu(executor) => executor.overwrite(name, offset as u64, bytes),
+        }
     }
 
     /// The bytes of an output of the plan, after the frames that were run.

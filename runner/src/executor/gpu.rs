@@ -226,6 +226,38 @@ impl GpuExecutor {
         self.gpu.download_parts(buffer.ok_or_else(|| GpuError::NoOutput(name.to_owned()))?, parts)
     }
 
+    /// Writes over a part of an output of the plan, from byte `offset` on; the next frame sees that if it is a history.
+    ///
+    /// # Errors
+    /// If it is not an output of the plan, or not a part of it in whole words, or if the device fails.
+    pub fn overwrite(&mut self, name: &str, offset: u64, bytes: &[u8]) -> Result<(), GpuError> {
+        let (buffer, size) = match (self.output_buffer(name), self.plan.output_bytes(name)) {
+            (Some(buffer), Some(size)) if self.frames > 0 => (buffer, size as u64),
+            _ => return Err(GpuError::NoOutput(name.to_owned())),
+        };
+        let end = offset.saturating_add(bytes.len() as u64);
+        if end > size || !offset.is_multiple_of(4) || !end.is_multiple_of(4) {
+            return Err(GpuError::OutOfRange { buffer: name.to_owned(), offset, end, bytes: size });
+        }
+        self.gpu.queue.write_buffer(buffer, offset, bytes);
+        self.gpu.check()
+    }
+
+    /// Fills with ones what the next frame is to write, so that whatever it leaves unwritten shows. For tests.
+    ///
+    /// # Errors
+    /// If the device fails.
+    pub fn poison(&mut self) -> Result<(), GpuError> {
+        self.finish()?;
+        let pool = (0..self.plan.pool.len()).map(Slot::Pool);
+        let slots = pool.chain((0..self.plan.history.len()).map(Slot::Current));
+        for slot in slots {
+            let buffer = self.memory.buffer(slot, self.frames & 1);
+            self.gpu.queue.write_buffer(buffer, 0, &vec![0xff; buffer.size() as usize]);
+        }
+        self.gpu.check()
+    }
+
     /// All bytes of a slot, as the last frame saw it; waits for the frames that were run.
     ///
     /// # Errors
