@@ -48,7 +48,7 @@ pub fn at(packed: &PackedScene, frame: &Frame, px: UVec2) -> Option<Picked> {
     let material = scene.material_of(frame, hit.instance, hit.triangle);
     let corner = |i: usize| Vec3::from_slice(&packed.triangles[hit.triangle as usize * 9 + 3 * i..]);
     Some(Picked {
-        position: ray.origin + ray.direction * hit.t,
+        position: ray.origin + ray.direction * hit.t + packed.origin,
         instance: packed.scene_instance(hit.instance)?,
         corners_object: [corner(0), corner(1), corner(2)],
         emits: scene.material_rgb(material, material_record::EMISSION).max_element() > 0.0,

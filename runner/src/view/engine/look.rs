@@ -83,9 +83,11 @@ pub(super) fn inspect(
         None => Reservoir::EMPTY,
     };
     let scene = pick::view_of(packed);
+    // A person knows the scene's world space, not that of the passes.
+    let position = (surface.position() + packed.origin).to_array();
     Ok(Inspected {
         px,
-        surface,
+        surface: if surface.is_sky() { surface } else { Surface { position, ..surface } },
         reservoir,
         moments,
         motion: (!surface.is_sky()).then(|| buffers::motion(frames, &scene, &surface)).flatten(),
