@@ -153,11 +153,6 @@ impl Engine {
         self.base.camera.unwrap_or_else(|| framing(&self.base))
     }
 
-    /// Whether it computes on a GPU.
-    pub fn is_on_gpu(&self) -> bool {
-        matches!(self.place, Place::Gpu(..))
-    }
-
     /// Goes on elsewhere, as after the loss of a GPU; the picture starts anew.
     ///
     /// # Errors
@@ -446,11 +441,6 @@ impl Engine {
         let chain = if self.accumulation.samples() > 0 { &mut self.still } else { &mut self.real_time };
         let Some(chain) = chain else { return Ok(None) };
         Ok(Some(chain.executor.read(&chain.plan, "display")?.elements().to_vec()))
-    }
-
-    /// The scene as the last frame shows it.
-    pub fn packed(&self) -> &PackedScene {
-        self.sequence.packed()
     }
 }
 
