@@ -181,7 +181,7 @@ impl Engine {
         self.forget();
         let gpu = match &self.place {
             Place::Cpu => None,
-            Place::Gpu(gpu, _) => Some(gpu.clone()),
+            Place::Gpu(gpu, _) => Some(Gpu::clone(gpu)),
         };
         self.place = Place::Cpu;
         self.facts = facts(&scene, &packed);
@@ -361,7 +361,7 @@ impl Engine {
             frames.now.has_history = 0;
         }
         let times = chain.executor.run(&chain.plan, scene, &frames)?;
-        if want.auto_exposure && (frames.now.accumulated % 8 == 0 || frames.now.accumulated < 16) {
+        if want.auto_exposure && (frames.now.accumulated.is_multiple_of(8) || frames.now.accumulated < 16) {
             let mean = look::log_mean(chain, request)?;
             self.exposure = exposure::adapted(self.exposure, mean, want.exposure);
         }

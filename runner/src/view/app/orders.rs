@@ -89,10 +89,10 @@ impl App {
             None => {}
             Some(Command::Resize(width, height)) => {
                 // Where the size is set at once, no event follows.
-                if let Some(size) = live.window.request_inner_size(PhysicalSize::new(width, height)) {
-                    if let Some(screen) = &mut self.screen {
-                        screen.resize([size.width, size.height]);
-                    }
+                if let Some(size) = live.window.request_inner_size(PhysicalSize::new(width, height))
+                    && let Some(screen) = &mut self.screen
+                {
+                    screen.resize([size.width, size.height]);
                 }
             }
             Some(Command::Minimize(minimized)) => live.window.set_minimized(minimized),
