@@ -260,6 +260,10 @@ struct ViewArguments {
     /// Pixels of the picture to one of the window, in each direction; 1 on a GPU, 0.25 on the CPU
     #[arg(long, value_name = "FACTOR")]
     scale: Option<f32>,
+    /// Small lights at random places, up to a million
+    #[arg(long, value_name = "N", default_value_t = 0,
+          value_parser = clap::value_parser!(u32).range(0..=i64::from(weir::view::lights::MOST)))]
+    added_lights: u32,
     /// Seed of all random numbers
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u32,

@@ -349,3 +349,26 @@ fn commands_that_inform_print_to_stdout() {
     }
     assert!(desk.files().is_empty(), "{:?}", desk.files());
 }
+
+#[test]
+fn a_pixel_of_a_still_is_what_the_picture_has_there() {
+    let desk = Desk::new();
+    desk.render("cornell --seed 5 --spp 1 -o a.exr").ends(Exit::Ok);
+    let (picture, _) = exr::read(&desk.path("a.exr")).expect("a picture");
+    let expected = picture.rgb[12 * 32 + 20].map(|x| format!("{x:?}")).join(" ");
+    let run = desk.weir("pixel 20,12 cornell --size 32x18 --seed 5 --integrator restir");
+    run.ends(Exit::Ok);
+    let text = String::from_utf8(run.stdout).expect("text");
+    let moments = text.lines().find(|line| line.trim_start().starts_with("moments:")).expect("the last of the passes");
+    assert!(moments.contains(&expected), "{moments}, not {expected}");
+    // In real time, the frames before it count.
+    let real_time = |history: &str| {
+        let run = desk.weir(&format!("pixel 20,12 cornell --size 32x18 --frame 9 --history {history}"));
+        run.ends(Exit::Ok);
+        run.stdout
+    };
+    assert_ne!(real_time("0"), real_time("4"));
+    assert_eq!(real_time("4"), real_time("4"));
+    desk.refuses("pixel 32,0 cornell --size 32x18", Exit::Usage, &["no pixel 32,0 in 32x18"]);
+    desk.refuses("pixel twelve cornell", Exit::Usage, &["a pixel is X,Y"]);
+}

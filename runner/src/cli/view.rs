@@ -51,7 +51,7 @@ pub fn run(arguments: &ViewArguments) -> anyhow::Result<Exit> {
     }
     state.settings.check()?;
     state.time_s = state.settings.time_s;
-    state.seed = arguments.seed;
+    (state.seed, state.scattered) = (arguments.seed, arguments.added_lights);
     let camera = arguments.scene.camera.as_deref().map(open::load_camera).transpose()?;
     app::run(Options {
         state,

@@ -3,6 +3,7 @@
 //! Nothing here panics when the GPU fails: every call returns a [`GpuError`] that says what to do.
 
 mod adapter;
+mod draw;
 mod error;
 mod memory;
 mod pipelines;

@@ -1,5 +1,8 @@
 //! The window and its events.
 
+mod device;
+mod orders;
+
 use std::{
     path::PathBuf,
     sync::Arc,
@@ -13,21 +16,20 @@ use winit::{
     dpi::PhysicalSize,
     event::{StartCause, WindowEvent},
     event_loop::{ActiveEventLoop, ControlFlow, EventLoop, EventLoopProxy},
-    window::{Fullscreen, Window, WindowId},
+    window::{Window, WindowId},
 };
 
 use super::{
-    driver::{Command, Driver, Surroundings},
+    driver::Driver,
     panels,
-    screen::{Painted, Painting, Screen, SoftScreen, Textures},
+    screen::{Painted, Painting, Screen, Textures},
     script::Event,
-    state::{Order, State},
-    stored,
+    state::State,
     watch::Watch,
     worker::{Job, News, Worker},
 };
 use crate::{
-    executor::gpu::{AdapterChoice, Gpu, GpuError},
+    executor::gpu::AdapterChoice,
     exit::{Exit, HasExit},
     output::{Destination, png},
     scene::Camera,
@@ -230,90 +232,6 @@ impl App {
         Ok(())
     }
 
-    /// A screen on a GPU, or without one on the host; and the thread is told where to compute.
-    fn make_screen(&mut self, window: &Arc<Window>) -> Result<(), ViewError> {
-        // The window can have one surface at a time.
-        self.screen = None;
-        let wanted = self.losses < MOST_LOSSES;
-        let made = if wanted { Screen::on_gpu(window, &self.adapter) } else { Err(GpuError::NoAdapter) };
-        let (screen, gpu) = match made {
-            Ok((screen, gpu)) => (screen, Some(gpu)),
-            Err(error) => {
-                let screen = SoftScreen::new(window).map_err(|e| ViewError::NoScreen(format!("{error}; {e}")))?;
-                if wanted {
-                    self.state.fail(format!("{error}\nThe CPU draws the window."));
-                }
-                (Screen::Soft(Box::new(screen)), None)
-            }
-        };
-        self.screen = Some(screen);
-        self.place(gpu);
-        Ok(())
-    }
-
-    /// Settles where pictures are computed.
-    fn place(&mut self, gpu: Option<Gpu>) {
-        let in_software = gpu.as_ref().is_some_and(|gpu| gpu.facts.kind == "software");
-        let computes = match (self.processor, &gpu) {
-            (Processor::Cpu, _) | (_, None) => false,
-            (Processor::Gpu, Some(_)) => true,
-            (Processor::Auto, Some(_)) => !in_software,
-        };
-        self.state.device = match &gpu {
-            Some(gpu) if computes => gpu.facts.name.clone(),
-            Some(gpu) => format!("CPU (window: {})", gpu.facts.name),
-            None => "CPU (no GPU)".to_owned(),
-        };
-        match self.scale {
-            Some(scale) => self.state.render_scale = scale,
-            None if computes => self.state.render_scale = 1.0,
-            None => {
-                self.state.render_scale = HOST_SCALE;
-                self.state.say(format!("The CPU computes the picture, at {:.0} % of its size.", 100.0 * HOST_SCALE));
-            }
-        }
-        self.worker.send(Job::Use(gpu.filter(|_| computes)));
-    }
-
-    /// After a failure of the GPU: another device, or the host.
-    fn recover(&mut self, error: &GpuError) {
-        let Some(window) = self.live.as_ref().map(|live| Arc::clone(&live.window)) else { return };
-        match error {
-            GpuError::OutOfMemory(_) | GpuError::TooLarge { .. } | GpuError::TooManyBuffers { .. } => {
-                self.state.fail(format!("{error}\nThe CPU computes from now on."));
-                self.processor = Processor::Cpu;
-                self.place(self.gpu());
-                return;
-            }
-            _ => self.losses += 1,
-        }
-        let next = if self.losses < MOST_LOSSES { "It is opened again." } else { "The CPU goes on." };
-        self.state.fail(format!("{error}\n{next}"));
-        // Pictures in the lost GPU's memory are gone.
-        self.state.frames = None;
-        if let Err(error) = self.make_screen(&window) {
-            self.end = Some(Err(error));
-            return;
-        }
-        let size = window.inner_size();
-        if let Some(screen) = &mut self.screen {
-            screen.resize([size.width, size.height]);
-            // What egui has told the old screen, the new one does not know.
-            let nothing = Painting::nothing(&self.textures);
-            let all = self.textures.all();
-            if let Err(error) = screen.paint(&Painting { textures: &all, ..nothing }) {
-                tracing::warn!("{error}");
-            }
-        }
-    }
-
-    fn gpu(&self) -> Option<Gpu> {
-        match &self.screen {
-            Some(Screen::Gpu(screen)) => Some(screen.gpu().clone()),
-            _ => None,
-        }
-    }
-
     /// News from the thread.
     fn hear(&mut self) {
         let outbox = self.worker.outbox();
@@ -369,109 +287,6 @@ impl App {
         });
     }
 
-    /// Does what panels and keys have asked for.
-    fn follow_orders(&mut self) {
-        for job in self.state.jobs.drain(..) {
-            self.worker.send(job);
-        }
-        for order in std::mem::take(&mut self.state.orders) {
-            match order {
-                Order::OpenDialog => self.dialog(),
-                Order::Copy(text) => self.copy(text),
-                Order::Quit => self.end = Some(Ok(())),
-                Order::FullScreen(wanted) => {
-                    if let Some(live) = &self.live {
-                        live.window.set_fullscreen(wanted.then_some(Fullscreen::Borderless(None)));
-                    }
-                }
-                Order::SaveSettings => {
-                    let saved = stored::path().and_then(|path| stored::save(&self.state, &path).map(|()| path));
-                    match saved {
-                        Ok(path) => self.state.say(format!("settings saved to {}", path.display())),
-                        Err(error) => self.state.fail(error.to_string()),
-                    }
-                }
-                Order::Take(path) => match stored::load(&mut self.state, &path) {
-                    Ok(refused) => refused.into_iter().for_each(|reason| self.state.fail(reason)),
-                    Err(error) => self.state.fail(error.to_string()),
-                },
-            }
-        }
-    }
-
-    fn dialog(&self) {
-        let proxy = self.proxy.clone();
-        let dialog = rfd::AsyncFileDialog::new()
-            .add_filter("scenes, environments, cameras, settings", &["obj", "hdr", "exr", "json", "toml"])
-            .pick_file();
-        // It stays open for as long as the person likes.
-        let waiting = std::thread::Builder::new().name("file dialog".to_owned()).spawn(move || {
-            if let Some(file) = pollster::block_on(dialog) {
-                drop(proxy.send_event(Wake::Chosen(file.path().to_owned())));
-            }
-        });
-        drop(waiting);
-    }
-
-    fn copy(&mut self, text: String) {
-        // A person without a clipboard still gets the text.
-        match arboard::Clipboard::new().and_then(|mut clipboard| clipboard.set_text(text.clone())) {
-            Ok(()) => self.state.say(format!("copied: {text}")),
-            Err(error) => self.state.fail(format!("the clipboard takes nothing ({error}): {text}")),
-        }
-    }
-
-    /// The next step of the script; its input goes to egui.
-    fn drive(&mut self) {
-        if self.driver.is_done() || !self.state.is_open {
-            return;
-        }
-        let [left, top, width, height] = self.state.place;
-        let find = |name: &str| self.tree.iter().find(|(known, _)| known == name).map(|(_, at)| *at);
-        let around = Surroundings {
-            middle: egui::pos2(left + width / 2.0, top + height / 2.0),
-            serial: self.serial,
-            resting: self.state.resting,
-            find: &find,
-        };
-        let (input, command) = match self.driver.next(&around) {
-            Ok(next) => next,
-            Err(reason) => {
-                self.end = Some(Err(ViewError::Script(reason)));
-                return;
-            }
-        };
-        let Some(live) = &mut self.live else { return };
-        live.input.egui_input_mut().events.extend(input);
-        match command {
-            None => {}
-            Some(Command::Resize(width, height)) => {
-                // Where the size is set at once, no event follows.
-                if let Some(size) = live.window.request_inner_size(PhysicalSize::new(width, height)) {
-                    if let Some(screen) = &mut self.screen {
-                        screen.resize([size.width, size.height]);
-                    }
-                }
-            }
-            Some(Command::Minimize(minimized)) => live.window.set_minimized(minimized),
-            Some(Command::Drop(path)) => self.state.take_file(path),
-            Some(Command::Screenshot(path)) => self.screenshot = Some(path),
-            Some(Command::Lose) => {
-                if let Some(gpu) = self.gpu() {
-                    gpu.lose();
-                }
-            }
-            Some(Command::LoseSurface) => {
-                if let Some(Screen::Gpu(screen)) = &mut self.screen
-                    && let Err(error) = screen.lose_surface()
-                {
-                    self.state.fail(error.to_string());
-                }
-            }
-            Some(Command::Quit) => self.end = Some(Ok(())),
-        }
-    }
-
     /// One pass of the interface, and what it looks like on the screen.
     fn redraw(&mut self, event_loop: &ActiveEventLoop) {
         self.hear();
@@ -482,7 +297,7 @@ impl App {
         state.pixels_per_point = egui_winit::pixels_per_point(&self.context, &live.window);
         let output = self.context.run_ui(input, |ui| panels::window(ui, state));
         if let Some(tree) = &output.platform_output.accesskit_update {
-            self.tree = named_widgets(tree, output.pixels_per_point);
+            self.tree = orders::named_widgets(tree, output.pixels_per_point);
         }
         live.input.handle_platform_output(&live.window, output.platform_output);
         let delay = output.viewport_output.get(&ViewportId::ROOT).map_or(Duration::MAX, |view| view.repaint_delay);
@@ -549,16 +364,6 @@ impl App {
             live.window.request_redraw();
         }
     }
-}
-
-/// Widgets with a name, and the middle of each in points.
-fn named_widgets(tree: &egui::accesskit::TreeUpdate, pixels_per_point: f32) -> Vec<(String, egui::Pos2)> {
-    let of = |(_, node): &(egui::accesskit::NodeId, egui::accesskit::Node)| {
-        let (name, bounds) = (node.label()?, node.bounds()?);
-        let middle = egui::pos2(((bounds.x0 + bounds.x1) / 2.0) as f32, ((bounds.y0 + bounds.y1) / 2.0) as f32);
-        Some((name.to_owned(), egui::Pos2::ZERO + middle.to_vec2() / pixels_per_point))
-    };
-    tree.nodes.iter().filter_map(of).collect()
 }
 
 impl ApplicationHandler<Wake> for App {

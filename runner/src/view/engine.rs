@@ -153,11 +153,6 @@ impl Engine {
         self.base.camera.unwrap_or_else(|| framing(&self.base))
     }
 
-    /// Whether it computes on a GPU.
-    pub fn is_on_gpu(&self) -> bool {
-        matches!(self.place, Place::Gpu(..))
-    }
-
     /// Goes on elsewhere, as after the loss of a GPU; the picture starts anew.
     ///
     /// # Errors
@@ -186,7 +181,7 @@ impl Engine {
         self.forget();
         let gpu = match &self.place {
             Place::Cpu => None,
-            Place::Gpu(gpu, _) => Some(gpu.clone()),
+            Place::Gpu(gpu, _) => Some(Gpu::clone(gpu)),
         };
         self.place = Place::Cpu;
         self.facts = facts(&scene, &packed);
@@ -366,7 +361,7 @@ impl Engine {
             frames.now.has_history = 0;
         }
         let times = chain.executor.run(&chain.plan, scene, &frames)?;
-        if want.auto_exposure && (frames.now.accumulated % 8 == 0 || frames.now.accumulated < 16) {
+        if want.auto_exposure && (frames.now.accumulated.is_multiple_of(8) || frames.now.accumulated < 16) {
             let mean = look::log_mean(chain, request)?;
             self.exposure = exposure::adapted(self.exposure, mean, want.exposure);
         }
@@ -446,11 +441,6 @@ impl Engine {
         let chain = if self.accumulation.samples() > 0 { &mut self.still } else { &mut self.real_time };
         let Some(chain) = chain else { return Ok(None) };
         Ok(Some(chain.executor.read(&chain.plan, "display")?.elements().to_vec()))
-    }
-
-    /// The scene as the last frame shows it.
-    pub fn packed(&self) -> &PackedScene {
-        self.sequence.packed()
     }
 }
 

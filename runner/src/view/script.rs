@@ -80,13 +80,12 @@ fn chord(text: &str) -> Option<(Key, Modifiers)> {
     let mut words: Vec<&str> = text.split('+').collect();
     let key = Key::from_name(words.pop()?)?;
     for word in words {
-        modifiers = modifiers
-            | match word {
-                "Shift" => Modifiers::SHIFT,
-                "Ctrl" => Modifiers::COMMAND | Modifiers::CTRL,
-                "Alt" => Modifiers::ALT,
-                _ => return None,
-            };
+        modifiers |= match word {
+            "Shift" => Modifiers::SHIFT,
+            "Ctrl" => Modifiers::COMMAND | Modifiers::CTRL,
+            "Alt" => Modifiers::ALT,
+            _ => return None,
+        };
     }
     Some((key, modifiers))
 }

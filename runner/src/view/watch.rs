@@ -55,10 +55,7 @@ mod tests {
         let scene = folder.path().join("a.obj");
         std::fs::write(&scene, "v 0 0 0\n").expect("writable");
         let (sender, receiver) = mpsc::channel();
-        let _watch = Watch::new(&scene, move || {
-            let _ = sender.send(());
-        })
-        .expect("the system can watch");
+        let _watch = Watch::new(&scene, move || assert!(sender.send(()).is_ok())).expect("the system can watch");
         std::fs::write(folder.path().join("note.txt"), "nothing").expect("writable");
         assert!(receiver.recv_timeout(3 * QUIET).is_err(), "a note is no part of the scene");
         std::fs::write(folder.path().join("b.obj"), "v 1 1 1\n").expect("writable");

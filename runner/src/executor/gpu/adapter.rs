@@ -277,7 +277,7 @@ impl Gpu {
     ///
     /// # Errors
     /// That error, or what the device has reported.
-    pub(crate) async fn guarded<T>(&self, make: impl FnOnce() -> T) -> Result<T, GpuError> {
+    pub async fn guarded<T>(&self, make: impl FnOnce() -> T) -> Result<T, GpuError> {
         let filters = [wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::OutOfMemory, wgpu::ErrorFilter::Validation];
         let scopes = filters.map(|filter| self.device.push_error_scope(filter));
         let made = make();

@@ -152,7 +152,7 @@ impl Gpu {
     /// Waits for all that was submitted, and copies the first `bytes` of a buffer.
     pub(super) fn download(&self, buffer: &wgpu::Buffer, bytes: u64) -> Result<AlignedBytes, GpuError> {
         let size = bytes.next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT).min(buffer.size());
-        let mut copy = self.download_parts(buffer, &[0..size])?;
+        let mut copy = self.download_parts(buffer, std::slice::from_ref(&(0..size)))?;
         copy.truncate(bytes.min(size) as usize);
         Ok(copy)
     }

@@ -22,7 +22,7 @@ use crate::{
 /// Where frames are computed.
 pub(super) enum Place {
     Cpu,
-    Gpu(Gpu, GpuScene),
+    Gpu(Box<Gpu>, GpuScene),
 }
 
 /// An executor with its plan.
@@ -36,7 +36,7 @@ pub(super) struct Chain {
 pub(super) fn place(gpu: Option<&Gpu>, packed: &PackedScene) -> Result<Place, GpuError> {
     Ok(match gpu {
         None => Place::Cpu,
-        Some(gpu) => Place::Gpu(gpu.clone(), pollster::block_on(GpuScene::upload(gpu, packed.buffers()))?),
+        Some(gpu) => Place::Gpu(Box::new(gpu.clone()), pollster::block_on(GpuScene::upload(gpu, packed.buffers()))?),
     })
 }
 

@@ -69,7 +69,7 @@ pub(super) fn inspect(
     let px = px.min(UVec2::new(frame.width - 1, frame.height - 1));
     let mut element = |name: &str, index: u32, bytes: u64| {
         let at = u64::from(index) * bytes;
-        chain.executor.read_parts(&chain.plan, name, &[at..at + bytes])
+        chain.executor.read_parts(&chain.plan, name, std::slice::from_ref(&(at..at + bytes)))
     };
     let surface: Surface = element("surfaces", frame.index_of(px), size_of::<Surface>() as u64)?.elements()[0];
     let moments: Moments = element("moments", frame.index_of(px), size_of::<Moments>() as u64)?.elements()[0];
@@ -78,7 +78,7 @@ pub(super) fn inspect(
             let at = frame.index_of_reservoir(px, 0);
             let bytes = u64::from(at) * size_of::<Reservoir>() as u64;
             let end = bytes + size_of::<Reservoir>() as u64;
-            chain.executor.read_parts(&chain.plan, name, &[bytes..end])?.elements()[0]
+            chain.executor.read_parts(&chain.plan, name, std::slice::from_ref(&(bytes..end)))?.elements()[0]
         }
         None => Reservoir::EMPTY,
     };
