@@ -109,7 +109,7 @@ impl Batches {
     pub fn new(pixels: usize, frames: Option<u32>) -> Self {
         let chosen = pixels.min(MOST_PIXELS);
         // 2^32 over the golden ratio: multiples of it spread evenly.
-        let spread = |i: usize| (((i as u64 * 0x9e37_79b9) & 0xffff_ffff) * pixels as u64 >> 32) as usize;
+        let spread = |i: usize| ((((i as u64 * 0x9e37_79b9) & 0xffff_ffff) * pixels as u64) >> 32) as usize;
         let pixels = if chosen < pixels { (0..chosen).map(spread).collect() } else { (0..pixels).collect::<Vec<_>>() };
         let stride = frames.map_or(1, |frames| frames.div_ceil(MOST_BATCHES as u32).max(1));
         Self { so_far: vec![PixelMoments::default(); pixels.len()], pixels, stride, frames: 0, batches: Vec::new() }

@@ -64,7 +64,10 @@ struct File {
 pub fn run(arguments: &CompareArguments) -> anyhow::Result<Exit> {
     let limits = [arguments.fail, arguments.fail_percent, arguments.warn, arguments.warn_percent];
     let hard = [arguments.hard_fail, arguments.hard_warn].into_iter().flatten();
-    if !limits.into_iter().chain(hard).all(|limit| limit >= 0.0) || !(arguments.full_scale > 0.0) {
+    if !limits.into_iter().chain(hard).all(|limit| limit >= 0.0)
+        || arguments.full_scale.is_nan()
+        || arguments.full_scale <= 0.0
+    {
         return Err(Usage(String::from("limits are numbers of 0 or above, and --full-scale is above 0")).into());
     }
     let [x, r] = match [read(&arguments.picture), read(&arguments.reference)] {
