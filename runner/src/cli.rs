@@ -4,6 +4,7 @@ mod check;
 mod info;
 mod open;
 mod render;
+mod stress;
 
 use std::{fmt::Write as _, io::Write as _, path::PathBuf};
 
@@ -37,6 +38,8 @@ enum Command {
     /// With --strict every word must be equal, on adapters that divide exactly. Otherwise at most one pixel in a hundred of
     /// each output may be off by more than a thousandth.
     Check(CheckArguments),
+    /// Run the list of numerical cases and print a table of what was expected and seen; exit code 1 on a failure
+    Stress(StressArguments),
     /// Print the schedule of a frame: what runs, on which memory, what is left out and why
     Graph(GraphArguments),
     /// List the built-in scenes
@@ -208,6 +211,21 @@ struct CheckArguments {
 }
 
 #[derive(Debug, Args)]
+struct StressArguments {
+    #[command(flatten)]
+    backend: BackendArguments,
+    /// This case alone; can be given several times
+    #[arg(long, value_name = "N")]
+    case: Vec<u32>,
+    /// The table as JSON
+    #[arg(long)]
+    json: bool,
+    /// Instead of the list: 100,000 frames of a chain that stands still and 10,000 of one that moves
+    #[arg(long, conflicts_with_all = ["case", "json"])]
+    endurance: bool,
+}
+
+#[derive(Debug, Args)]
 struct GraphArguments {
     #[command(flatten)]
     scene: SceneArguments,
@@ -251,6 +269,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         None => render::default_scene(),
         Some(Command::Render(arguments)) => render::run(arguments),
         Some(Command::Check(arguments)) => check::run(arguments),
+        Some(Command::Stress(arguments)) => stress::run(arguments),
         Some(Command::Graph(arguments)) => {
             let opened = open::open(&arguments.scene)?;
             let settings = &opened.settings;

@@ -13,4 +13,5 @@ pub mod scene;
 pub mod sequence;
 pub mod settings;
 pub mod shaders;
+pub mod stress;
 pub mod technique;

@@ -172,13 +172,13 @@ pub fn facts_of(packed: &PackedScene, width: u32, height: u32, settings: &Settin
 }
 
 /// An executor of either kind.
-enum Executor {
+pub(crate) enum Executor {
     Cpu(Box<CpuExecutor>),
     Gpu(Box<GpuExecutor>),
 }
 
 impl Executor {
-    fn new(backend: &Backend<'_>, plan: &Plan, scene: SceneBuffers<'_>) -> Result<Self, GpuError> {
+    pub(crate) fn new(backend: &Backend<'_>, plan: &Plan, scene: SceneBuffers<'_>) -> Result<Self, GpuError> {
         Ok(match backend {
             Backend::Cpu(order) => {
                 let mut executor = CpuExecutor::new(plan);
@@ -190,14 +190,20 @@ impl Executor {
     }
 
     /// Runs a frame; on a GPU it may still be under way afterwards.
-    fn run(
+    pub(crate) fn run(
         &mut self,
         plan: &Plan,
         scene: SceneBuffers<'_>,
         frames: &FramePair,
     ) -> Result<Vec<(&'static str, Duration)>, GpuError> {
         match self {
-            Self::Cpu(executor) => Ok(executor.run(plan, scene, frames)),
+            Self::Cpu(executor) => {
+                let [frame, plan_size] = [[frames.now.width, frames.now.height], [plan.facts.width, plan.facts.height]];
+                if frame != plan_size {
+                    return Err(GpuError::FrameSize { frame, plan: plan_size });
+                }
+                Ok(executor.run(plan, scene, frames))
+            }
             Self::Gpu(executor) => {
                 executor.run(frames)?;
                 Ok(executor.last_times().to_vec())
@@ -206,7 +212,7 @@ impl Executor {
     }
 
     /// Tells the executor what of the scene has changed.
-    fn update(&mut self, scene: SceneBuffers<'_>, changed: Vec<Changed>) -> Result<(), GpuError> {
+    pub(crate) fn update(&mut self, scene: SceneBuffers<'_>, changed: Vec<Changed>) -> Result<(), GpuError> {
         if let Self::Gpu(executor) = self {
             for Changed { buffer, range } in changed {
                 executor.update_scene(buffer, range.start as u64, &scene.bytes(buffer)[range])?;
@@ -215,7 +221,19 @@ impl Executor {
         Ok(())
     }
 
-    fn read(&mut self, plan: &Plan, name: &str) -> Result<AlignedBytes, GpuError> {
+    /// Writes over a part of an output of the last frame.
+    pub(crate) fn overwrite(&mut self, plan: &Plan, name: &str, offset: usize, bytes: &[u8]) -> Result<(), GpuError> {
+        match self {
+            Self::Cpu(executor) => {
+                let output = executor.output_mut(plan, name).expect("the plan has this output");
+                output[offset..][..bytes.len()].copy_from_slice(bytes);
+                Ok(())
+            }
+            Self::Gpu(executor) => executor.overwrite(name, offset as u64, bytes),
+        }
+    }
+
+    pub(crate) fn read(&mut self, plan: &Plan, name: &str) -> Result<AlignedBytes, GpuError> {
         match self {
             Self::Cpu(executor) => {
                 Ok(AlignedBytes::from_bytes(executor.output(plan, name).expect("the plan has this output")))

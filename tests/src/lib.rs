@@ -1,10 +1,8 @@
 //! Helpers shared by the integration tests.
 
-pub mod scenes;
-pub mod statistics;
-
 use std::io::Write as _;
 
+pub use weir::stress::{scenes, statistics};
 use weir::{
     executor::gpu::{AdapterChoice, Gpu},
     render::{Request, Stop},

@@ -115,10 +115,21 @@ impl CpuExecutor {
 
     /// The bytes of an output after [`CpuExecutor::run`].
     pub fn output(&self, plan: &Plan, name: &str) -> Option<&[u8]> {
-        let &(_, slot) = plan.outputs.iter().find(|(n, _)| *n == name)?;
-        let place = Self::place(slot, self.frames.checked_sub(1)?)?;
+        let place = self.place_of(plan, name)?;
         // A buffer of the pool is as large as its largest tenant.
         Some(&self.buffers.get(&place)?.bytes()[..plan.output_bytes(name)?])
+    }
+
+    /// The same, to be altered; the next frame sees that if the output is a history.
+    pub fn output_mut(&mut self, plan: &Plan, name: &str) -> Option<&mut [u8]> {
+        let place = self.place_of(plan, name)?;
+        Some(&mut self.buffers.get_mut(&place)?.bytes_mut()[..plan.output_bytes(name)?])
+    }
+
+    /// Where an output of the last frame is.
+    fn place_of(&self, plan: &Plan, name: &str) -> Option<Place> {
+        let &(_, slot) = plan.outputs.iter().find(|(n, _)| *n == name)?;
+        Self::place(slot, self.frames.checked_sub(1)?)
     }
 }
 

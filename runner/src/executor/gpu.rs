@@ -198,6 +198,23 @@ impl GpuExecutor {
         Ok(bytes)
     }
 
+    /// Writes over a part of an output of the plan, from byte `offset` on; the next frame sees that if it is a history.
+    ///
+    /// # Errors
+    /// If it is not an output of the plan, or not a part of it in whole words, or if the device fails.
+    pub fn overwrite(&mut self, name: &str, offset: u64, bytes: &[u8]) -> Result<(), GpuError> {
+        let (buffer, size) = match (self.output_buffer(name), self.plan.output_bytes(name)) {
+            (Some(buffer), Some(size)) if self.frames > 0 => (buffer, size as u64),
+            _ => return Err(GpuError::NoOutput(name.to_owned())),
+        };
+        let end = offset.saturating_add(bytes.len() as u64);
+        if end > size || !offset.is_multiple_of(4) || !end.is_multiple_of(4) {
+            return Err(GpuError::OutOfRange { buffer: name.to_owned(), offset, end, bytes: size });
+        }
+        self.gpu.queue.write_buffer(buffer, offset, bytes);
+        self.gpu.check()
+    }
+
     /// All bytes of a slot, as the last frame saw it; waits for the frames that were run.
     ///
     /// # Errors

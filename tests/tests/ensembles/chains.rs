@@ -18,13 +18,11 @@ use weir_shader::wiring::Pass;
 use weir_shared::frame::FramePair;
 use weir_tests::request;
 
+pub use crate::scenarios::{HEIGHT, WIDTH};
 use crate::{
     scenarios::Scenario,
     statistics::{Ensemble, TOTALS},
 };
-
-pub const WIDTH: u32 = 32;
-pub const HEIGHT: u32 = 24;
 
 /// One frame of a clip: its uniform, and what of the scene it may have changed.
 pub struct Snapshot {

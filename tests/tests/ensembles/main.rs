@@ -10,13 +10,12 @@ mod history;
 mod options;
 mod planted;
 mod poison;
-mod scenarios;
 mod statistics;
 mod stills;
 
 use std::{collections::BTreeMap, sync::Mutex};
 
-use weir::{reference::Estimate, technique::Technique};
+use weir::{reference::Estimate, stress::scenarios, technique::Technique};
 use weir_shader::{PASSES, wiring::Pass};
 
 use chains::{Clip, judge};

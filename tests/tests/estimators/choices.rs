@@ -1,5 +1,6 @@
 //! The ways of choosing by random numbers have, through a merge, the law that enumeration gives.
 
+use weir::stress::worlds::random::UNBIASED;
 use weir_shared::{
     merge::{form, merge},
     resample::{Chooser, choice},
@@ -7,7 +8,7 @@ use weir_shared::{
 };
 
 use crate::{
-    unbiased::{UNBIASED, domains},
+    unbiased::domains,
     walk::{Enumerating, enumerate},
     world::{Case, Domain, Held, Keeper, Probe},
 };

@@ -8,8 +8,5 @@ mod fuzz;
 mod neighbors;
 mod planted;
 mod unbiased;
-mod walk;
-mod world;
 
-/// Largest relative error of an expectation that rounding may leave.
-const ROUNDING: f64 = 1e-12;
+use weir::stress::worlds::{ROUNDING, walk, world};

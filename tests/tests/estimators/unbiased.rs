@@ -1,5 +1,6 @@
 //! Unbiased forms are, in worlds small enough to see through; the biased one is by as much as it should.
 
+use weir::stress::worlds::random::rules;
 use weir_shared::merge::{form, merge};
 
 use crate::{
@@ -12,21 +13,6 @@ use crate::{
 };
 
 pub const ALL: [bool; LIGHTS] = [true; LIGHTS];
-pub const UNBIASED: [u32; 5] =
-    [form::PAIRWISE_DEFENSIVE, form::PAIRWISE, form::BALANCE, form::CONTRIBUTION, form::ONE_OVER_Z];
-
-/// Ways to merge that ought to be unbiased.
-pub fn rules() -> Vec<Rule> {
-    let mut rules: Vec<Rule> = UNBIASED.iter().map(|&form| Rule { form, partner: false, probe: Probe::None }).collect();
-    for form in [form::PAIRWISE_DEFENSIVE, form::PAIRWISE] {
-        rules.push(Rule { form, partner: true, probe: Probe::None });
-        for probe in [Probe::One, Probe::All] {
-            rules.extend([false, true].map(|partner| Rule { form, partner, probe }));
-        }
-    }
-    rules
-}
-
 /// Supports that overlap in part; each light is hidden from some domain.
 pub fn domains() -> [Domain; 3] {
     [

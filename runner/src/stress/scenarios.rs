@@ -1,14 +1,17 @@
 //! What the chains show. Lights are few, not tiny and out of view: less noise, so smaller biases are seen.
 
-use glam::{Mat4, Vec3};
-use weir::{
+use super::scenes::quad;
+use crate::{
     packed::{Moment, PackedScene},
     scene::{Camera, Environment, Instance, Material, Motion, Scene},
     sequence::Shot,
 };
-use weir_tests::scenes::quad;
+use glam::{Mat4, Vec3};
 
-use crate::chains::{HEIGHT, WIDTH};
+/// Pixels in a row of most pictures.
+pub const WIDTH: u32 = 32;
+/// Rows of most pictures.
+pub const HEIGHT: u32 = 24;
 
 /// Frames of a chain, of which the last is judged: enough for confidence to reach the default cap, as reservoirs of
 /// several pixels add up. None are needed to forget the first frame, which has the mean that it should have.
@@ -16,8 +19,11 @@ pub const FRAMES: u32 = 8;
 
 /// A scene and the shots of a chain of frames.
 pub struct Scenario {
+    /// What it is called.
     pub name: &'static str,
+    /// What there is.
     pub scene: Scene,
+    /// What the frames show, one after the other.
     pub shots: Vec<Shot>,
     /// Of the picture.
     pub size: [u32; 2],
@@ -53,6 +59,9 @@ impl Scenario {
     }
 
     /// The scene at one of the shots.
+    ///
+    /// # Panics
+    /// If it does not pack, which only a bug here can cause.
     pub fn pack(&self, shot: usize) -> PackedScene {
         if self.is_dynamic {
             PackedScene::dynamic(&self.scene, &self.shots[shot].moment).expect("packs")
@@ -125,6 +134,7 @@ fn room() -> Scene {
     }
 }
 
+/// Where nothing moves at all.
 pub fn standing() -> Scenario {
     Scenario::standing("standing", room())
 }

@@ -4,7 +4,7 @@ use std::cell::{Cell, RefCell};
 
 use weir_shared::resample::Choose;
 
-use crate::world::Float;
+use super::world::Float;
 
 /// The decisions of one outcome, and where on the way through them an experiment is.
 pub struct Walk {

@@ -1,7 +1,7 @@
-//! Small scenes for tests.
+//! Small scenes that something is to be seen in.
 
+use crate::scene::{Camera, Environment, Instance, Material, Mesh, Motion, Scene, Texture, builtin};
 use glam::{Mat4, Quat, Vec2, Vec3};
-use weir::scene::{Camera, Environment, Instance, Material, Mesh, Motion, Scene, Texture, builtin};
 
 /// The built-in Cornell box.
 ///
@@ -110,6 +110,17 @@ pub fn lamps(sky: bool) -> Scene {
         }),
         ..Scene::default()
     }
+}
+
+/// [`lamps`] above a floor, seen by a camera.
+pub fn lamps_over_floor() -> Scene {
+    let mut scene = lamps(false);
+    scene.meshes.push(quad("floor", Vec3::new(-2.0, -0.5, 2.0), Vec3::X * 4.0, Vec3::NEG_Z * 4.0, 3));
+    scene.materials.push(Material::default());
+    scene.instances.push(Instance { mesh: 2, world_from_object: Mat4::IDENTITY, motion: Motion::Still });
+    scene.camera =
+        Some(Camera { origin: Vec3::new(0.0, 0.8, 2.5), target: Vec3::NEG_Y * 0.5, up: Vec3::Y, vfov_deg: 40.0 });
+    scene
 }
 
 /// What is left of a lamp of one by one.

@@ -6,7 +6,7 @@ use weir_shared::{
     resample::{Choose, Real, Stream, candidate_scale, survivor_scale},
 };
 
-use crate::walk::{Enumerating, Walk, enumerate};
+use super::walk::{Enumerating, Walk, enumerate};
 
 /// Lights of the world.
 pub const LIGHTS: usize = 4;
@@ -52,8 +52,11 @@ pub struct Domain {
 /// A reservoir; without a sample if `ucw` is 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Held {
+    /// Which light.
     pub light: usize,
+    /// Contribution weight W.
     pub ucw: f64,
+    /// Confidence c.
     pub confidence: f64,
 }
 
@@ -63,6 +66,7 @@ pub type Law = Vec<(f64, Held)>;
 /// What part shadow rays have, as [`weir_shared::reuse::probe`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Probe {
+    /// None.
     None,
     /// A ray to the canonical sample, and one after the merge.
     One,
@@ -77,22 +81,29 @@ pub struct Rule {
     pub form: u32,
     /// Whether one input stands for all.
     pub partner: bool,
+    /// Shadow rays.
     pub probe: Probe,
 }
 
 /// A sample of the world, and the input that it came from.
 #[derive(Clone, Copy)]
 pub struct Sample {
+    /// Which light.
     pub light: usize,
+    /// The input.
     pub owner: u32,
 }
 
 /// The inputs of a merge: `domains[i]` holds `held[i]`.
 #[derive(Clone, Copy)]
 pub struct Case<'a> {
+    /// What each input makes of the lights.
     pub domains: &'a [Domain],
+    /// What each input holds.
     pub held: &'a [Held],
+    /// Shadow rays.
     pub probe: Probe,
+    /// The input that stands for all; 0: none.
     pub partner: u32,
 }
 
@@ -149,12 +160,16 @@ pub fn light_of(domain: &Domain, light: usize) -> f64 {
 
 /// Keeps one sample and adds up the light of all, source by source; and the MIS weights times W.
 pub struct Keeper<R, C> {
+    /// The one sample.
     pub stream: Stream<R, usize, C>,
+    /// Light of each source.
     pub sums: [R; LIGHTS],
+    /// Sum of m W.
     pub scaled_ucw: R,
 }
 
 impl<R: Float, C: Choose<R>> Keeper<R, C> {
+    /// Nothing offered yet.
     pub fn new(choose: C) -> Self {
         Self { stream: Stream::new(LIGHTS, choose), sums: [R::ZERO; LIGHTS], scaled_ucw: R::ZERO }
     }
@@ -176,7 +191,9 @@ impl<R: Float, C: Choose<R>> Sink<R, Sample, R> for Keeper<R, C> {
 
 /// A merged reservoir, and the light of each source summed over the inputs.
 pub struct Outcome {
+    /// The reservoir.
     pub held: Held,
+    /// Light of each source.
     pub sums: [f64; LIGHTS],
 }
 
@@ -236,7 +253,9 @@ pub fn law_of(experiment: impl Fn(&Walk) -> Held) -> Law {
 /// Candidates of one kind: how many, and the probability of each light.
 #[derive(Clone, Copy)]
 pub struct Technique {
+    /// How many.
     pub count: u32,
+    /// Of each light.
     pub pmf: [f64; LIGHTS],
 }
 
@@ -260,6 +279,9 @@ pub fn initial(walk: &Walk, domain: &Domain, techniques: &[Technique], confidenc
 
 /// The same in two stages: the candidates of the first technique compete in groups of the given sizes by a cheap
 /// target, and only the survivors meet the target of the domain.
+///
+/// # Panics
+/// If the sizes of the groups don't add up to the first technique's candidates.
 pub fn initial_in_groups(
     walk: &Walk,
     domain: &Domain,
@@ -304,6 +326,7 @@ fn ended(stream: &Stream<f64, usize, Enumerating<'_>>, domain: &Domain, confiden
 /// Expectations over all outcomes.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Means {
+    /// Sum of the probabilities of all outcomes.
     pub chance: f64,
     /// Of W where the light is the one kept.
     pub ucw: [f64; LIGHTS],
@@ -329,6 +352,9 @@ impl Means {
     /// Largest relative error: W should be 1 on average for each light of the canonical domain that is `found`, and
     /// the sum over the inputs the light itself; infinite where there should be nothing. The sum is left out where the
     /// weights are not known before the choice.
+    ///
+    /// # Panics
+    /// If a mean is not finite.
     pub fn error(&self, here: &Domain, rule: &Rule, found: [bool; LIGHTS]) -> f64 {
         let mut worst = (self.chance - 1.0).abs();
         for (light, &is_found) in found.iter().enumerate() {

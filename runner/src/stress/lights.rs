@@ -1,0 +1,301 @@
+//! Lights and their distributions.
+
+use glam::Vec3;
+use weir_shared::reservoir::Reservoir;
+
+use super::{
+    Case, Check, Finding, Found,
+    clip::{Clip, Take, Total},
+    motion,
+    scenes::{self, Lamp, lamp_above_a_floor},
+    stage::{Stage, shining},
+    streams::ulps,
+    tables,
+};
+use crate::{
+    packed::Moment,
+    render::Backend,
+    scene::{Environment, Material, Texture},
+    sequence::Shot,
+    technique::Technique,
+};
+
+pub(super) const CASES: &[Case] = &[
+    Case {
+        number: 19,
+        name: "no light at all, a sky alone, one light",
+        expected: "black; lit; W 1 to 2 ulp wherever the light is kept",
+        checks: &[Check::Frames(few_lights)],
+    },
+    Case {
+        number: 20,
+        name: "lights without power",
+        expected: "never drawn; nothing but such lights: black, no fault",
+        checks: &[Check::Host(tables::powerless), Check::Frames(all_off)],
+    },
+    Case {
+        number: 21,
+        name: "powers from 1e-20 to 1e20, the weakest of them next to the surface",
+        expected: "probabilities sum to 1 to 1e-12; the mean is that of Lambert's formula",
+        checks: &[Check::Host(tables::forty_decades), Check::Frames(weak_but_near)],
+    },
+    Case {
+        number: 22,
+        name: "3.4 million equal lights",
+        expected: "stated probability is the sampled one, every light can be drawn",
+        checks: &[Check::Host(tables::millions)],
+    },
+    Case {
+        number: 23,
+        name: "one light with 99.9999 % of the power",
+        expected: "the others as often as they should",
+        checks: &[Check::Host(tables::one_dominates)],
+    },
+    Case {
+        number: 24,
+        name: "degenerate triangles that emit",
+        expected: "not in the table, nothing that is not finite",
+        checks: &[Check::Host(tables::degenerate), Check::Frames(degenerate_lamps)],
+    },
+    Case {
+        number: 25,
+        name: "a needle of 1e-6 by 1e3",
+        expected: "area above 0 and right to 1e-5, points uniform over it",
+        checks: &[Check::Host(tables::needle)],
+    },
+    Case {
+        number: 26,
+        name: "a light of 1e-6 at a distance of 1e6",
+        expected: "finite, right to 1e-4, in proportion to the area",
+        checks: &[Check::Host(tables::tiny_and_far)],
+    },
+    Case {
+        number: 27,
+        name: "a point in the plane of the light, or on it",
+        expected: "exactly 0, nothing infinite",
+        checks: &[Check::Host(tables::in_the_plane), Check::Frames(lamp_in_the_floor)],
+    },
+    Case {
+        number: 28,
+        name: "a point just below a large light",
+        expected: "the mean of the formula down to 1e-3 of the light's size; finite and not brighter below",
+        checks: &[Check::Host(tables::under_a_large_light)],
+    },
+    Case {
+        number: 29,
+        name: "spherical lights",
+        expected: "finite, density times solid angle 1",
+        checks: &[Check::Inapplicable("weir's lights are triangles and texels of the environment")],
+    },
+    Case {
+        number: 30,
+        name: "lights that no direction finds",
+        expected: "the denominator has the light's own density alone",
+        checks: &[Check::Inapplicable("weir has no point or directional lights: a ray can meet each of its lights")],
+    },
+    Case {
+        number: 31,
+        name: "the back of a light, one-sided and two-sided",
+        expected: "0; as much as the front",
+        checks: &[Check::Frames(backs)],
+    },
+    Case {
+        number: 32,
+        name: "a light with one bright texel; one with a hole in its mask",
+        expected: "the mean of the reference",
+        checks: &[Check::Frames(textured)],
+    },
+    Case {
+        number: 33,
+        name: "a sky with one texel of 1e6, with bright poles, and a black one",
+        expected: "the mean of the reference; black, no fault",
+        checks: &[Check::Frames(skies)],
+    },
+    Case {
+        number: 34,
+        name: "lights that come, go and change places every frame",
+        expected: "each frame has the mean of the reference",
+        checks: &[Check::Frames(motion::changing_lights)],
+    },
+    Case {
+        number: 35,
+        name: "lights that flicker and jump every frame",
+        expected: "each frame has the mean of the reference",
+        checks: &[Check::Frames(motion::flickering)],
+    },
+    Case {
+        number: 36,
+        name: "a light that is 1000 times larger in every other frame",
+        expected: "each frame has the mean of the reference",
+        checks: &[Check::Frames(motion::scaled_light)],
+    },
+];
+
+const BOTH: [Technique; 2] = [Technique::Still, Technique::RealTime];
+
+fn few_lights(backend: &Backend<'_>) -> Found {
+    let mut findings = Vec::new();
+    let mut stage = Stage::new();
+    for technique in BOTH {
+        let dark = Clip::new(backend, &Take::still(&stage.scene, technique, &[]))?.stills(2)?;
+        let most = dark.channels().fold(0.0, f32::max);
+        findings.push(dark.finding(most == 0.0, format!("no light {most}")));
+    }
+    stage.scene.environment = Some(Environment {
+        name: "white".into(),
+        width: 4,
+        height: 2,
+        texels: vec![[1.0; 3]; 8],
+        rotation_deg: 0.0,
+        scale: 1.0,
+    });
+    let sky = Clip::new(backend, &Take::still(&stage.scene, Technique::Still, &[]))?.stills(64)?;
+    // Half of the light of a white sky, whatever the direction.
+    let expected = Total::exact(0.5 * 3.0 * 192.0);
+    let (agrees, text) = sky.total().agrees(&expected, 0.03);
+    findings.push(sky.finding(agrees, format!("sky {text}")));
+
+    let mut stage = Stage::new();
+    stage.panel(Vec3::new(-0.5, 2.0, -0.5), Vec3::X, Vec3::Z, shining(4.0));
+    // One triangle of the panel.
+    let lamp = stage.scene.meshes.last_mut().expect("a panel has a mesh");
+    lamp.triangles.truncate(1);
+    lamp.materials.truncate(1);
+    let knobs = ["candidates.bsdf=0", "rays=speed"];
+    let take = Take { outputs: &["fresh"], ..Take::still(&stage.scene, Technique::RealTime, &knobs) };
+    let mut clip = Clip::new(backend, &take)?;
+    clip.show(0, |_| ())?;
+    let fresh: Vec<Reservoir> = clip.output("fresh")?;
+    let held: Vec<&Reservoir> = fresh.iter().filter(|r| r.has_sample()).collect();
+    let worst = held.iter().map(|r| ulps(r.ucw, 1.0)).max().unwrap_or(u32::MAX);
+    findings.push(Finding::new(
+        worst <= 2 && held.len() == 192,
+        format!("one light: {} samples, W within {worst} ulp", held.len()),
+    ));
+    Ok(Finding::all(findings))
+}
+
+fn all_off(backend: &Backend<'_>) -> Found {
+    let scene = scenes::lamps_over_floor();
+    let off = Moment { emission: (0..3).map(|i| (i, Vec3::ZERO)).collect(), ..Moment::default() };
+    let camera = scene.camera.expect("it has one");
+    let mut findings = Vec::new();
+    for technique in BOTH {
+        let take = Take {
+            shots: vec![Shot { moment: off.clone(), camera }; 3],
+            ..Take::still(&scene, technique, &["candidates.count=2"])
+        };
+        let mut clip = Clip::new(backend, &take)?;
+        (0..3).try_for_each(|i| clip.show(i, |frames| frames.now.accumulated = i as u32))?;
+        let still = super::clip::Still { moments: clip.output("moments")? };
+        let most = still.channels().fold(0.0, f32::max);
+        findings.push(still.finding(most == 0.0, format!("{technique} {most}")));
+    }
+    Ok(Finding::all(findings))
+}
+
+/// A strong light that the floor hardly sees, and a weak one just above it, out of view.
+fn weak_but_near(backend: &Backend<'_>) -> Found {
+    let mut stage = Stage::new();
+    // Facing up: all of its power is lost. Power 1e12 times that of the other.
+    stage.panel(Vec3::new(-5.0, 30.0, 5.0), Vec3::X * 10.0, Vec3::NEG_Z * 10.0, shining(1e10));
+    stage.lamp(Vec3::new(0.5, 0.05, -0.5), Vec3::Z, Vec3::Y * 0.01, shining(1.0));
+    let mut findings = Vec::new();
+    for knobs in [&[] as &[&str], &["candidates.count=32", "candidates.tree=16"]] {
+        let (still, formula) = stage.measured(backend, Technique::Still, knobs, 256)?;
+        let (agrees, text) = still.total().agrees(&formula, 0.1);
+        findings.push(still.finding(agrees, text));
+    }
+    Ok(Finding::all(findings))
+}
+
+fn degenerate_lamps(backend: &Backend<'_>) -> Found {
+    let mut stage = Stage::new();
+    let lamp = shining(5.0);
+    stage.lamp(Vec3::new(-0.5, 2.0, -0.5), Vec3::X, Vec3::Z, lamp.clone());
+    for (a, b) in [(Vec3::X, Vec3::X), (Vec3::ZERO, Vec3::Z), (Vec3::ZERO, Vec3::ZERO), (Vec3::X, Vec3::X * 2.0)] {
+        stage.panel(Vec3::new(0.1, 1.5, 0.1), a, b, lamp.clone());
+    }
+    let (still, formula) = stage.measured(backend, Technique::Still, &[], 32)?;
+    let (agrees, text) = still.total().agrees(&formula, 0.03);
+    Ok(still.finding(agrees, text))
+}
+
+fn lamp_in_the_floor(backend: &Backend<'_>) -> Found {
+    let mut stage = Stage::new();
+    stage.panel(Vec3::new(-0.2, 0.0, 0.2), Vec3::X * 0.4, Vec3::NEG_Z * 0.4, shining(3.0));
+    let mut findings = Vec::new();
+    for technique in BOTH {
+        let still = Clip::new(backend, &stage.take(technique, &[]))?.stills(8)?;
+        // The two panels are equally near; either is seen, but the floor reflects nothing.
+        let lit = still.channels().filter(|x| *x != 0.0 && *x != 3.0).count();
+        findings.push(still.finding(lit == 0, format!("{technique}: {lit} channels neither 0 nor 3")));
+    }
+    Ok(Finding::all(findings))
+}
+
+fn backs(backend: &Backend<'_>) -> Found {
+    let (corner, a, b) = (Vec3::new(-0.5, 2.0, -0.5), Vec3::X, Vec3::Z);
+    let mut findings = Vec::new();
+    for two_sided in [false, true] {
+        // Up: b x a.
+        let mut stage = Stage::new();
+        let material = Material { two_sided_emission: two_sided, ..shining(4.0) };
+        stage.lamp(corner, b, a, material);
+        for technique in BOTH {
+            let (still, formula) = stage.measured(backend, technique, &[], 48)?;
+            let total = still.total();
+            let (holds, text) =
+                if two_sided { total.agrees(&formula, 0.05) } else { (total.mean == 0.0, total.mean.to_string()) };
+            let sides = if two_sided { "two-sided" } else { "one-sided" };
+            // Frames of a chain share samples: their mean is not as certain as it looks.
+            let holds = holds || technique == Technique::RealTime && (total.mean / formula.mean - 1.0).abs() < 0.1;
+            findings.push(still.finding(holds, format!("{sides} {technique} {text}")));
+        }
+    }
+    Ok(Finding::all(findings))
+}
+
+fn textured(backend: &Backend<'_>) -> Found {
+    let mut stage = Stage::new();
+    let mut texels = vec![0xff00_0000; 64];
+    texels[19] = 0xffff_ffff;
+    stage.scene.textures.push(Texture { name: "one".into(), width: 8, height: 8, texels, srgb: false });
+    let material = Material { emission_texture: Some(0), ..shining(200.0) };
+    stage.panel(Vec3::new(-0.5, 1.5, -0.5), Vec3::X, Vec3::Z, material);
+    let mut findings = Vec::new();
+    for (name, scene) in [("texel", stage.scene), ("mask", lamp_above_a_floor(Lamp::Masked))] {
+        let take = Take::still(&scene, Technique::Still, &["candidates.count=16", "camera.jitter=off"]);
+        let still = Clip::new(backend, &take)?.stills(128)?;
+        let (agrees, text) = still.total().agrees(&take.judged(0, 8192)?, 0.05);
+        findings.push(still.finding(agrees, format!("{name} {text}")));
+    }
+    Ok(Finding::all(findings))
+}
+
+fn skies(backend: &Backend<'_>) -> Found {
+    let mut findings = Vec::new();
+    let dim = [0.1f32, 0.2, 0.3];
+    let mut sun = vec![dim; 32 * 16];
+    sun[3 * 32 + 11] = [1e6; 3];
+    let mut poles = vec![[0.0; 3]; 32 * 16];
+    poles[..32].fill([5.0; 3]);
+    poles[15 * 32..].fill([7.0; 3]);
+    for (name, texels, margin) in [("sun", sun, 0.05), ("poles", poles, 0.05), ("black", vec![[0.0; 3]; 512], 0.0)] {
+        let mut scene = lamp_above_a_floor(Lamp::Whole);
+        scene.meshes.truncate(1);
+        scene.instances.truncate(1);
+        let sky = Environment { name: name.into(), width: 32, height: 16, texels, rotation_deg: 40.0, scale: 1.0 };
+        scene.environment = Some(sky);
+        let take = Take::still(&scene, Technique::Still, &[]);
+        let still = Clip::new(backend, &take)?.stills(64)?;
+        let total = still.total();
+        let (holds, text) = if margin > 0.0 {
+            total.agrees(&take.judged(0, 4096)?, margin)
+        } else {
+            (total.mean == 0.0, total.mean.to_string())
+        };
+        findings.push(still.finding(holds, format!("{name} {text}")));
+    }
+    Ok(Finding::all(findings))
+}
