@@ -1,6 +1,8 @@
 //! Commands and their options.
 
+mod bench;
 mod check;
+mod compare;
 mod info;
 mod open;
 mod render;
@@ -12,7 +14,7 @@ use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use weir::{
     exit::{Exit, Usage},
-    render::{Stop, facts_of},
+    render::{RenderError, Stop, facts_of},
     scene::{builtin::BUILTIN, export},
     settings::KNOBS,
     technique::{Technique, ToneCurve, direct_light},
@@ -40,6 +42,12 @@ enum Command {
     Check(CheckArguments),
     /// Run the list of numerical cases and print a table of what was expected and seen; exit code 1 on a failure
     Stress(StressArguments),
+    /// Compare two pictures: measures of error; exit codes 0 to 4 as of OpenImageIO's idiff
+    ///
+    /// 0: the same within the limits, 1: a warning, 2: too different, 3: sizes differ, 4: a file cannot be read.
+    Compare(compare::CompareArguments),
+    /// Measure run time against error: scenes, methods and times; JSON, CSV and a report with plots
+    Bench(Box<bench::BenchArguments>),
     /// Print the schedule of a frame: what runs, on which memory, what is left out and why
     Graph(GraphArguments),
     /// List the built-in scenes
@@ -77,14 +85,38 @@ struct SceneArguments {
     #[arg(long, value_name = "DIR")]
     asset_root: Option<PathBuf>,
     /// Largest file accepted, in bytes
-    #[arg(long, value_name = "BYTES", default_value_t = 4 << 30)]
+    #[arg(long, value_name = "BYTES", default_value_t = MAX_SIZE)]
     max_size: u64,
     /// Textures together are reduced to this many bytes
-    #[arg(long, value_name = "BYTES", default_value_t = 120 << 20)]
+    #[arg(long, value_name = "BYTES", default_value_t = TEXTURE_BUDGET)]
     texture_budget: u64,
     /// Set a knob; `weir render --help` lists them
     #[arg(long = "set", value_name = "KEY=VALUE")]
     set: Vec<String>,
+}
+
+/// Largest file accepted, in bytes.
+const MAX_SIZE: u64 = 4 << 30;
+/// Textures together are reduced to this many bytes.
+const TEXTURE_BUDGET: u64 = 120 << 20;
+
+impl SceneArguments {
+    /// The scene as it is.
+    fn of(scene: &str) -> Self {
+        Self {
+            scene: scene.to_owned(),
+            camera: None,
+            lambert: false,
+            flat: false,
+            environment: None,
+            environment_rotation: 0.0,
+            environment_scale: 1.0,
+            asset_root: None,
+            max_size: MAX_SIZE,
+            texture_budget: TEXTURE_BUDGET,
+            set: Vec::new(),
+        }
+    }
 }
 
 /// Where to compute.
@@ -139,12 +171,25 @@ struct RenderArguments {
     /// Size of the picture
     #[arg(long, value_name = "WxH", default_value = "1280x720")]
     size: Size,
-    /// Samples of each pixel
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16_777_216), conflicts_with = "time")]
+    /// Samples of each pixel; 64 if nothing else ends the picture
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=16_777_216), group = "stop")]
     spp: Option<u32>,
-    /// Render for this long instead
-    #[arg(long, value_name = "SECONDS")]
+    /// Render for this long instead, from the beginning of the first frame to the end of the last
+    ///
+    /// Reading the scene, compiling pipelines and writing files come on top. It ends with the frame that ends nearest to
+    /// that time, so that it is off by half a frame at most; a warning says so where that is more than 3 %.
+    #[arg(long, value_name = "SECONDS", group = "stop")]
     time: Option<f64>,
+    /// Render until the relative error is this, in per cent, instead
+    ///
+    /// That is the root of relMSE against the true picture, estimated from the variance of frames. A pilot says how many
+    /// frames that takes and is thrown away, so that the picture is not biased by looking at it. Nineteen pictures in
+    /// twenty get below, few by much.
+    #[arg(long, value_name = "PERCENT", group = "stop")]
+    error: Option<f64>,
+    /// Also draw the relative standard error of each pixel, from 0.1 % (dark) to 100 % (bright): .png
+    #[arg(long, value_name = "FILE")]
+    heat_map: Option<PathBuf>,
     /// Seed of all random numbers
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u32,
@@ -157,7 +202,14 @@ struct RenderArguments {
     /// Factor on radiance before the tone curve
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     exposure: f32,
-    /// Print the time of each pass, and whether weights were dropped
+    /// Hold this time for each frame of restir-temporal, by more or fewer candidates, neighbours and pixels of full quality
+    ///
+    /// The time of a frame includes moving the scene and uploading what has changed. Frames change `candidates.count`,
+    /// `candidates.tree`, `candidates.off_lattice`, `temporal.neighbors`, `temporal.neighbors_unseen` and
+    /// `reuse.resolution`, none of which costs history or biases the picture.
+    #[arg(long, value_name = "MS")]
+    budget_ms: Option<f64>,
+    /// Print the time of each pass, whether weights were dropped, and what has become of a budget
     #[arg(long)]
     stats: bool,
 }
@@ -270,6 +322,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         Some(Command::Render(arguments)) => render::run(arguments),
         Some(Command::Check(arguments)) => check::run(arguments),
         Some(Command::Stress(arguments)) => stress::run(arguments),
+        Some(Command::Compare(arguments)) => compare::run(arguments),
+        Some(Command::Bench(arguments)) => bench::run(arguments),
         Some(Command::Graph(arguments)) => {
             let opened = open::open(&arguments.scene)?;
             let settings = &opened.settings;
@@ -306,16 +360,23 @@ fn no_passes() -> Usage {
     Usage(String::from("the reference integrator has no passes; name another with --integrator"))
 }
 
-/// When to stop: samples, or time.
-fn stop_of(spp: Option<u32>, time: Option<f64>) -> anyhow::Result<Stop> {
-    match (spp, time) {
-        (_, Some(seconds)) if seconds > 0.0 && seconds <= 1e7 => {
-            Ok(Stop::Time(std::time::Duration::from_secs_f64(seconds)))
+/// When to stop: samples, time or error.
+fn stop_of(arguments: &RenderArguments) -> anyhow::Result<Stop> {
+    if let Some(seconds) = arguments.time {
+        if !(seconds > 0.0 && seconds <= 1e7) {
+            let text = format!("--time takes a number of seconds above 0 and up to 10 million, not {seconds}");
+            return Err(Usage(text).into());
         }
-        (_, Some(seconds)) => {
-            Err(Usage(format!("--time takes a number of seconds above 0 and up to 10 million, not {seconds}")).into())
-        }
-        (Some(n), None) => Ok(Stop::Samples(n)),
-        (None, None) => Ok(Stop::Samples(64)),
+        return Ok(Stop::Time(std::time::Duration::from_secs_f64(seconds)));
     }
+    if let Some(percent) = arguments.error {
+        if !(1e-3..=1000.0).contains(&percent) {
+            return Err(Usage(format!("--error takes per cent from 0.001 to 1000, not {percent}")).into());
+        }
+        if arguments.integrator == Integrator::RestirTemporal {
+            return Err(RenderError::NoMargin.into());
+        }
+        return Ok(Stop::Error(percent / 100.0));
+    }
+    Ok(Stop::Samples(arguments.spp.unwrap_or(64)))
 }

@@ -4,6 +4,7 @@ use std::error::Error;
 use std::io;
 use std::process::{ExitCode, Termination};
 
+use crate::bench::{BenchError, JudgeError, methods::MethodError};
 use crate::crosscheck::CheckError;
 use crate::executor::gpu::GpuError;
 use crate::graph::GraphError;
@@ -24,6 +25,10 @@ pub enum Exit {
     CheckFailed = 1,
     /// The command line is wrong; the same code as clap's own.
     Usage = 2,
+    /// `compare`: the pictures have different sizes, as of OpenImageIO's `idiff`.
+    SizesDiffer = 3,
+    /// `compare`: a picture cannot be read, as of `idiff`.
+    FileError = 4,
     /// An input file holds something that cannot be used (`EX_DATAERR`).
     BadData = 65,
     /// An input file does not exist or cannot be opened (`EX_NOINPUT`).
@@ -45,6 +50,11 @@ pub enum Exit {
 }
 
 impl Exit {
+    /// `compare`: the pictures differ by enough for a warning; the code of `idiff`.
+    pub const WARNS: Self = Self::CheckFailed;
+    /// `compare`: the pictures differ by too much; the code of `idiff`, which a wrong command line has too.
+    pub const DIFFERS: Self = Self::Usage;
+
     /// The number that the shell sees.
     pub fn code(self) -> u8 {
         self as u8
@@ -106,6 +116,9 @@ fn exit_of<E: HasExit + Error + 'static>(error: &(dyn Error + 'static)) -> Optio
 /// [`exit_of`] for every error that has a code.
 const KNOWN: &[fn(&(dyn Error + 'static)) -> Option<Exit>] = &[
     exit_of::<Usage>,
+    exit_of::<BenchError>,
+    exit_of::<JudgeError>,
+    exit_of::<MethodError>,
     exit_of::<SettingError>,
     exit_of::<SceneError>,
     exit_of::<PackError>,

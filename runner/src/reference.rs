@@ -24,7 +24,7 @@ use weir_shared::{
     texture,
 };
 
-use crate::packed::PackedScene;
+use crate::{margin::PixelMoments, packed::PackedScene};
 
 /// Mean and variance of a pixel in double precision.
 #[derive(Clone, Copy, Debug, Default)]
@@ -45,6 +45,11 @@ impl Estimate {
         let difference = value - self.mean;
         self.mean += difference / self.count as f64;
         self.deviation += difference * (value - self.mean);
+    }
+
+    /// Mean and squared deviations.
+    pub fn moments(&self) -> PixelMoments {
+        PixelMoments { mean: self.mean.to_array(), deviation: self.deviation.to_array() }
     }
 
     /// Variance of the mean; zero before the second sample.

@@ -6,6 +6,7 @@ use crate::{
     packed::{Changed, Moment, PackError, PackedScene},
     render::{Request, frame_of},
     scene::Camera,
+    settings::Settings,
 };
 
 /// What a frame of a sequence shows, and from where.
@@ -46,6 +47,11 @@ impl<'a> Sequence<'a> {
     /// Forgets the past, as after a cut.
     pub fn cut(&mut self) {
         self.last = None;
+    }
+
+    /// Other knobs from the next frame on: those that stand in the frame uniform, see [`crate::budget`]. The past stays.
+    pub fn tune(&mut self, settings: &Settings) {
+        self.request.settings.clone_from(settings);
     }
 
     /// The next frame, and the parts of the scene's buffers that it changes.

@@ -17,13 +17,18 @@ use signal_hook::{
     flag,
 };
 use weir::{
+    budget::{Counts, FRONT, TimeBudget},
     executor::{
         cpu::Order,
         gpu::{AdapterChoice, Gpu},
     },
     exit::{Exit, Usage},
-    output::{Destination, Layers, atomic, exr, png},
-    render::{Backend, Rendered, Request, Stop, camera_matrices, layers, render, render_real_time, render_reference},
+    output::{Destination, Layers, atomic, exr, heat::heat_map_picture, png},
+    render::{
+        Backend, RenderError, Rendered, Request, Stop, camera_matrices, layers, render, render_real_time,
+        render_reference,
+    },
+    settings::Settings,
     technique::Technique,
 };
 
@@ -55,7 +60,7 @@ fn format_of(output: &Path) -> Result<Format, Usage> {
 }
 
 /// The GPU to use, or none; says which and why on stderr.
-fn choose_gpu(arguments: &BackendArguments) -> anyhow::Result<Option<Gpu>> {
+pub fn choose_gpu(arguments: &BackendArguments) -> anyhow::Result<Option<Gpu>> {
     let choice: AdapterChoice = match &arguments.adapter {
         Some(text) => text.parse()?,
         None => AdapterChoice::Best,
@@ -79,14 +84,19 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
     let destination = Destination::from(arguments.output.clone());
     atomic::check(&destination)?;
     let format = format_of(&arguments.output)?;
-    let stop = stop_of(arguments.spp, arguments.time)?;
+    let stop = stop_of(arguments)?;
+    let heat_map = heat_map_of(arguments)?;
     if !(arguments.exposure > 0.0 && arguments.exposure.is_finite()) {
         return Err(Usage(format!("--exposure takes a number above 0, not {}", arguments.exposure)).into());
     }
     if arguments.backend.threads > 0 {
         rayon::ThreadPoolBuilder::new().num_threads(arguments.backend.threads.min(1024)).build_global()?;
     }
+    let mut budget = budget_of(arguments)?;
     let mut opened = open::open(&arguments.scene)?;
+    if let Some(budget) = &mut budget {
+        budget.set_base(&opened.settings);
+    }
     let request = Request {
         width: arguments.size.width,
         height: arguments.size.height,
@@ -104,6 +114,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
         match stop {
             Stop::Samples(_) => bar.set_position(u64::from(samples)),
             Stop::Time(_) => bar.set_position(bar.elapsed().as_millis() as u64),
+            Stop::Error(_) => bar.set_position(u64::from(samples)),
         }
         interruption.of().is_none()
     };
@@ -111,7 +122,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
     let adapter = gpu.as_ref().map_or_else(|| String::from("CPU"), |gpu| gpu.facts.name.clone());
     let mut draw = |backend: &Backend<'_>| match arguments.integrator {
         Integrator::Reference => render_reference(&opened.packed, &request, tell),
-        Integrator::RestirTemporal => render_real_time(&mut opened.packed, &request, backend, tell),
+        Integrator::RestirTemporal => render_real_time(&mut opened.packed, &request, backend, budget.as_mut(), tell),
         Integrator::Restir | Integrator::Ris => render(&opened.packed, &request, backend, tell),
     };
     let on_cpu = Backend::Cpu(Order::default());
@@ -136,8 +147,14 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
             write_exr(&destination, arguments, &request, &rendered, &layers, adapter.clone())?;
         }
     }
+    if let Some(destination) = &heat_map {
+        png::write(destination, request.width, request.height, &heat_map_picture(&rendered))?;
+    }
     if arguments.stats {
         print_passes(&rendered);
+    }
+    if let Some(budget) = &budget {
+        tell_budget(budget, arguments.stats);
     }
     let samples = u64::from(rendered.samples) * u64::from(request.width) * u64::from(request.height);
     tracing::info!(
@@ -146,18 +163,79 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
         rendered.elapsed.as_secs_f64(),
         samples as f64 / rendered.elapsed.as_secs_f64() / 1e6
     );
+    if let Some(margin) = &rendered.margin {
+        tracing::info!("{margin}");
+    }
+    if let (Stop::Time(limit), None) = (stop, interruption.of()) {
+        let off = rendered.elapsed.as_secs_f64() / limit.as_secs_f64() - 1.0;
+        if off.abs() > TIME_TOLERANCE {
+            tracing::warn!(
+                "{:+.0} % off the time asked for: a frame takes too long; choose a smaller --size",
+                100.0 * off
+            );
+        }
+    }
     if arguments.output != Path::new("-") {
         super::print(&format!("{}\n", shown(&arguments.output).display()))?;
     }
     Ok(interruption.of().unwrap_or(Exit::Ok))
 }
 
+/// `--time` is kept this well where frames are short enough.
+const TIME_TOLERANCE: f64 = 0.03;
+
+/// The budget of each frame, if one is asked for.
+fn budget_of(arguments: &RenderArguments) -> Result<Option<TimeBudget>, Usage> {
+    let Some(ms) = arguments.budget_ms else { return Ok(None) };
+    if !(ms > 0.0 && ms <= 1e6) {
+        return Err(Usage(format!("--budget-ms takes milliseconds above 0 and up to a million, not {ms}")));
+    }
+    if arguments.integrator != Integrator::RestirTemporal {
+        let text =
+            "--budget-ms holds the time of each frame that reuses the one before; add --integrator restir-temporal";
+        return Err(Usage(String::from(text)));
+    }
+    Ok(Some(TimeBudget::new(Duration::from_secs_f64(ms * 1e-3), &Settings::default())))
+}
+
+/// Where the heat map goes.
+fn heat_map_of(arguments: &RenderArguments) -> anyhow::Result<Option<Destination>> {
+    let Some(path) = &arguments.heat_map else { return Ok(None) };
+    if !matches!(format_of(path)?, Format::Png) {
+        return Err(Usage(format!("a heat map is a .png, not {}", path.display())).into());
+    }
+    if arguments.integrator == Integrator::RestirTemporal {
+        return Err(RenderError::NoMargin.into());
+    }
+    let destination = Destination::from(path.clone());
+    if matches!(destination, Destination::Stdout) && arguments.output == Path::new("-") {
+        return Err(Usage(String::from("only one of --output and --heat-map can be -")).into());
+    }
+    atomic::check(&destination)?;
+    Ok(Some(destination))
+}
+
+/// What has become of a budget: a warning where it was out of reach, all of it if `stats` are wanted.
+fn tell_budget(budget: &TimeBudget, stats: bool) {
+    let Counts { frames, within, moves } = budget.counts();
+    let ms = budget.budget().as_secs_f64() * 1e3;
+    if budget.is_out_of_reach() {
+        tracing::warn!(
+            "a frame takes longer than {ms:.1} ms whatever the knobs; choose a smaller --size or `--set rays=speed`"
+        );
+    }
+    if stats {
+        let knobs = FRONT[budget.level()].knobs.join(" ");
+        eprintln!("{within} of {frames} frames within {ms:.1} ms, {moves} changes of knobs; at the end {knobs}");
+    }
+}
+
 /// Whether someone wants the picture now: the first SIGINT or SIGTERM ends rendering after the current frame, the second
 /// the process.
-struct Interruption(Arc<AtomicUsize>);
+pub struct Interruption(Arc<AtomicUsize>);
 
 impl Interruption {
-    fn listen() -> std::io::Result<Self> {
+    pub fn listen() -> std::io::Result<Self> {
         let (signal, again) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicBool::new(false)));
         for (number, exit) in [(SIGINT, Exit::Interrupted), (SIGTERM, Exit::Terminated)] {
             // In this order: the first signal arms what the second one meets.
@@ -169,7 +247,7 @@ impl Interruption {
     }
 
     /// How the process has to end then, once the picture is saved.
-    fn of(&self) -> Option<Exit> {
+    pub fn of(&self) -> Option<Exit> {
         let code = self.0.load(Ordering::Relaxed);
         [Exit::Interrupted, Exit::Terminated].into_iter().find(|exit| usize::from(exit.code()) == code)
     }
@@ -187,6 +265,7 @@ fn progress_bar(stop: Stop) -> ProgressBar {
     let (length, template) = match stop {
         Stop::Samples(n) => (u64::from(n), "{bar:40} {pos}/{len} samples a pixel, {eta} left"),
         Stop::Time(limit) => (limit.as_millis() as u64, "{bar:40} {eta} left"),
+        Stop::Error(_) => (0, "{pos} samples a pixel, {elapsed}"),
     };
     let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new(length).with_style(style)

@@ -25,6 +25,8 @@ pub struct Comparison {
     pub rel_mse: f64,
     /// Mean of `|x - r| / (|r| + 0.01 mean(r))`; 0.1 is 10 %.
     pub mape: f64,
+    /// Mean of `2 |x - r| / (|x| + |r| + 0.01 mean(r))`, at most 2.
+    pub smape: f64,
     /// Largest absolute difference of any value.
     pub max_abs: f64,
     /// Pixels that were compared.
@@ -53,6 +55,7 @@ impl fmt::Display for Comparison {
         writeln!(f, "MSE             {:e}", self.mse)?;
         writeln!(f, "relMSE          {:e}", self.rel_mse)?;
         writeln!(f, "MAPE            {:.4} %", 100.0 * self.mape)?;
+        writeln!(f, "SMAPE           {:.4} %", 100.0 * self.smape)?;
         writeln!(f, "largest         {:e}", self.max_abs)?;
         write!(f, "non-finite      {} (reference: {})", self.non_finite, self.reference_non_finite)
     }
@@ -108,13 +111,60 @@ pub fn compare(picture: &Picture, reference: &Picture) -> Result<Comparison, Com
         result.mse += difference * difference;
         result.rel_mse += ratio(difference * difference, r * r + FLOOR * mean * mean);
         result.mape += ratio(difference.abs(), r.abs() + FLOOR * mean.abs());
+        result.smape += ratio(2.0 * difference.abs(), x.abs() + r.abs() + FLOOR * mean.abs());
         result.max_abs = result.max_abs.max(difference.abs());
     }
     let values = 3.0 * pixels;
     result.mse /= values;
     result.rel_mse /= values;
     result.mape /= values;
+    result.smape /= values;
     Ok(result)
+}
+
+/// Largest absolute difference of each pixel over its channels; infinite where a value is finite in one picture alone, or
+/// where both are infinite or not a number in different ways. Of pictures of one size.
+pub fn pixel_errors(picture: &Picture, reference: &Picture) -> Vec<f64> {
+    let value = |(x, r): (&f32, &f32)| match (f64::from(*x) - f64::from(*r)).abs() {
+        difference if difference.is_finite() => difference,
+        _ if x == r || (x.is_nan() && r.is_nan()) => 0.0,
+        _ => f64::INFINITY,
+    };
+    let pairs = picture.rgb.iter().zip(&reference.rgb);
+    pairs.map(|(x, r)| x.iter().zip(r).map(value).fold(0.0, f64::max)).collect()
+}
+
+/// What noise alone would make the relMSE of a picture with these squared standard errors: what a noisy reference adds to
+/// that of others.
+pub fn noise_rel_mse(picture: &Picture, variance: &[[f32; 3]]) -> f64 {
+    let values = picture.rgb.iter().flatten().zip(variance.iter().flatten());
+    let finite = values.map(|(x, v)| (f64::from(*x), f64::from(*v))).filter(|(x, v)| x.is_finite() && v.is_finite());
+    let finite: Vec<(f64, f64)> = finite.collect();
+    let n = finite.len() as f64;
+    let mean = finite.iter().map(|(x, _)| x).sum::<f64>() / n;
+    finite.iter().map(|(x, v)| ratio(*v, x * x + FLOOR * mean * mean)).sum::<f64>() / n
+}
+
+/// The mean of FLIP over a tone-mapped picture and its reference, 8-bit sRGB with red in the low byte: how different they
+/// look when one takes the place of the other on a screen 0.7 m wide, seen from 0.7 m at 3840 pixels. None if it was
+/// not built in (feature `flip`).
+///
+/// Source: Andersson et al. 2020, by NVIDIA's code.
+pub fn flip(width: u32, height: u32, display: &[u32], reference: &[u32]) -> Option<f64> {
+    #[cfg(feature = "flip")]
+    {
+        let image = |pixels: &[u32]| {
+            let bytes: Vec<u8> = pixels.iter().flat_map(|p| [*p as u8, (p >> 8) as u8, (p >> 16) as u8]).collect();
+            nv_flip::FlipImageRgb8::with_data(width, height, &bytes)
+        };
+        let map = nv_flip::flip(image(reference), image(display), nv_flip::DEFAULT_PIXELS_PER_DEGREE);
+        Some(f64::from(nv_flip::FlipPool::from_image(&map).mean()))
+    }
+    #[cfg(not(feature = "flip"))]
+    {
+        let _ = (width, height, display, reference);
+        None
+    }
 }
 
 /// Draws where a picture is darker (blue) or brighter (red) than its reference; white is equal, black not finite.
@@ -188,8 +238,32 @@ mod tests {
         assert_close(result.mse, (0.25 + 1.0) / 2.0);
         assert_close(result.rel_mse, (0.25 / 1.04 + 1.0 / 9.04) / 2.0);
         assert_close(result.mape, (0.5 / 1.02 + 1.0 / 3.02) / 2.0);
+        assert_close(result.smape, (2.0 * 0.5 / 2.52 + 2.0 / 5.02) / 2.0);
         assert_close(result.max_abs, 1.0);
         assert_eq!((result.pixels, result.non_finite, result.reference_non_finite), (2, 0, 0));
+    }
+
+    #[test]
+    fn errors_of_pixels_are_their_largest_and_what_is_finite_once_is_infinitely_wrong() {
+        let x = picture(&[[1.0, 2.0, 3.0], [f32::NAN, 0.0, 0.0], [f32::NAN; 3], [f32::INFINITY; 3]]);
+        let r = picture(&[[1.5, 2.0, 1.0], [0.0; 3], [f32::NAN; 3], [f32::NEG_INFINITY; 3]]);
+        assert_eq!(pixel_errors(&x, &r), [2.0, f64::INFINITY, 0.0, f64::INFINITY]);
+    }
+
+    #[test]
+    fn noise_of_a_reference_is_the_rel_mse_it_would_have_against_itself() {
+        // Values 1 and 3 with mean 2: 0.04 is the floor.
+        let found = noise_rel_mse(&picture(&[[1.0; 3], [3.0; 3]]), &[[0.25; 3], [1.0; 3]]);
+        assert_close(found, (0.25 / 1.04 + 1.0 / 9.04) / 2.0);
+    }
+
+    #[cfg(feature = "flip")]
+    #[test]
+    fn flip_is_zero_for_equal_pictures_and_grows_with_their_difference() {
+        let flat = |v: u32| vec![0xff00_0000 | v << 16 | v << 8 | v; 64 * 64];
+        let of = |v| flip(64, 64, &flat(v), &flat(100)).expect("built in");
+        assert!(of(100) < 1e-6);
+        assert!(of(110) > 0.01 && of(160) > of(110), "{} {}", of(110), of(160));
     }
 
     #[test]

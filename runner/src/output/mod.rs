@@ -14,6 +14,7 @@ use crate::exit::{Exit, HasExit};
 pub mod atomic;
 pub mod compare;
 pub mod exr;
+pub mod heat;
 pub mod png;
 
 /// A picture: radiance in linear Rec. 709, in W sr^-1 m^-2.

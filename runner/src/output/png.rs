@@ -18,7 +18,8 @@ pub fn write(destination: &Destination, width: u32, height: u32, rgba8: &[u32]) 
     atomic::write(destination, &bytes)
 }
 
-fn encode(width: u32, height: u32, rgba8: &[u32]) -> Result<Vec<u8>, EncodingError> {
+/// The bytes of such a file.
+pub(crate) fn encode(width: u32, height: u32, rgba8: &[u32]) -> Result<Vec<u8>, EncodingError> {
     let opaque = rgba8.iter().all(|texel| texel >> 24 == 255);
     let (color, channels) = if opaque { (ColorType::Rgb, 3) } else { (ColorType::Rgba, 4) };
     let samples: Vec<u8> = rgba8.iter().flat_map(|texel| texel.to_le_bytes().into_iter().take(channels)).collect();

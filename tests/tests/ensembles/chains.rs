@@ -3,6 +3,7 @@
 use bytemuck::Pod;
 use rayon::prelude::*;
 use weir::{
+    budget::FRONT,
     executor::{
         SceneBuffers,
         cpu::{CpuExecutor, Order},
@@ -53,6 +54,18 @@ impl Clip {
         technique: Technique,
         knobs: &[&str],
     ) -> Self {
+        Self::tuned(outputs, scenario, passes, technique, knobs, None)
+    }
+
+    /// The same, with other knobs in each frame: those of the rung of the budget's front that `rung_of` names.
+    pub fn tuned(
+        outputs: &[&'static str],
+        scenario: &Scenario,
+        passes: &'static [Pass],
+        technique: Technique,
+        knobs: &[&str],
+        rung_of: Option<fn(usize) -> usize>,
+    ) -> Self {
         let shots = if technique == Technique::RealTime {
             &scenario.shots[..]
         } else {
@@ -64,9 +77,13 @@ impl Clip {
         let facts = facts_of(&packed, scenario.size[0], scenario.size[1], &request.settings);
         let plan = direct_light_with(passes, technique, &request.settings, &facts, ToneCurve::Clip, outputs)
             .expect("the frame has a plan");
+        let base = request.settings.clone();
         let mut sequence = Sequence::new(&mut packed, request);
         let mut snapshots = Vec::new();
-        for shot in shots {
+        for (index, shot) in shots.iter().enumerate() {
+            if let Some(rung_of) = rung_of {
+                sequence.tune(&FRONT[rung_of(index)].applied_to(&base));
+            }
             let (frames, _) = sequence.next(shot).expect("the scenario's own moment");
             let now = sequence.packed();
             let (records, bvh, lights) = (now.records.clone(), now.bvh.clone(), now.lights.clone());

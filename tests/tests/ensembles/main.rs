@@ -15,7 +15,7 @@ mod stills;
 
 use std::{collections::BTreeMap, sync::Mutex};
 
-use weir::{reference::Estimate, stress::scenarios, technique::Technique};
+use weir::{budget::FRONT, reference::Estimate, stress::scenarios, technique::Technique};
 use weir_shader::{PASSES, wiring::Pass};
 
 use chains::{Clip, judge};
@@ -181,6 +181,25 @@ fn a_chain_is_unbiased_on_glossy_surfaces() {
 #[test]
 fn a_chain_is_unbiased_where_neighbours_see_different_lights() {
     assert_unbiased(scenarios::half_shadowed());
+}
+
+/// From the lowest rung to the highest and back, a rung or several a frame: what a time budget does at its worst.
+#[test]
+fn a_chain_is_unbiased_while_a_time_budget_moves_its_knobs() {
+    let rung_of = |frame: usize| (frame * 3) % FRONT.len();
+    let mut wrong = Vec::new();
+    for bench in [scenarios::half_shadowed(), scenarios::moving_light()].map(Bench::new) {
+        for tier in TIERS {
+            let chain = Technique::RealTime;
+            let clip = Clip::tuned(&["color"], &bench.scenario, PASSES, chain, &[tier], Some(rung_of));
+            let verdict = bench.verdict(&clip);
+            println!("{} | {tier} | {verdict}", bench.scenario.name);
+            if !verdict.is_unbiased() {
+                wrong.push(format!("{} {tier}: {verdict}", bench.scenario.name));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 /// Knobs of reuse in the chain, each turned.
