@@ -12,8 +12,8 @@ use obvhs::{
 use rayon::prelude::*;
 use weir_shared::bvh::MAX_DEPTH;
 
-/// Boxes that share a cell of a 1024^3 grid over the scene, above which agglomeration is not tried: it merges
-/// nearest neighbours, and where all are equally near it takes one step for each box.
+/// Boxes of about one size with their centers in one cell of that size, above which agglomeration is not tried: it merges
+/// nearest neighbours, and where all are equally near, or lie in each other, it takes one step for each box.
 const CROWD: usize = 2_048;
 
 /// A tree of at most [`MAX_DEPTH`] levels over `boxes`, with at most three in a leaf. No boxes: no nodes.
@@ -35,18 +35,24 @@ fn bounds(boxes: impl Iterator<Item = Aabb>) -> Aabb {
     boxes.fold(Aabb::empty(), |all, one| all.union(&one))
 }
 
-/// Whether many boxes have their centers in one small cell.
+/// Whether many boxes of about one size have their centers in one cell of that size, or of a 1024th of the scene.
 fn crowded(boxes: &[Aabb]) -> bool {
     if boxes.len() <= CROWD {
         return false;
     }
     let all = bounds(boxes.iter().copied());
     let scale = Vec3A::splat(1023.0) / (all.max - all.min).max(Vec3A::splat(f32::MIN_POSITIVE));
-    let mut cells: Vec<u32> = boxes
+    let mut cells: Vec<u64> = boxes
         .par_iter()
         .map(|b| {
             let cell = ((b.center() - all.min) * scale).clamp(Vec3A::ZERO, Vec3A::splat(1023.0));
-            (cell.x as u32) << 20 | (cell.y as u32) << 10 | cell.z as u32
+            // Powers of two of the smallest cells: 0 to 10.
+            // Along an axis without extent, not-a-number: `f32::max` passes it over.
+            let sizes = ((b.max - b.min) * scale).to_array();
+            let size = sizes.into_iter().fold(1.0, f32::max).min(1023.0) as u32;
+            let level = size.ilog2();
+            let [x, y, z] = [cell.x, cell.y, cell.z].map(|c| (c as u64) >> level);
+            u64::from(level) << 30 | x << 20 | y << 10 | z
         })
         .collect();
     cells.par_sort_unstable();
