@@ -3,6 +3,7 @@
 mod geometry;
 mod light_tree;
 mod moment;
+mod origin;
 mod top_level;
 mod tree;
 
@@ -28,6 +29,7 @@ use crate::{
 use geometry::PackedMesh;
 pub use moment::Moment;
 use moment::{Dynamics, MeshStart};
+use origin::Origin;
 use top_level::TopLevel;
 
 /// A scene that does not fit the buffers.
@@ -85,6 +87,9 @@ pub struct PackedScene {
     pub features: Vec<Feature>,
     /// World-space bounds at the packed moment: lower and upper corner.
     pub bounds: [Vec3; 2],
+    /// Origin of the world space of buffers and passes in that of the scene: zero unless the scene is far from its own.
+    pub origin: Vec3,
+    origins: Origin,
     dynamics: Dynamics,
 }
 
@@ -146,6 +151,8 @@ impl PackedScene {
 
     /// `most_in_trees`: emissive triangles that light trees of meshes hold together at most.
     fn pack(scene: &Scene, moment: &Moment, dynamic: bool, most_in_trees: usize) -> Result<Self, PackError> {
+        let (scene, origins) = Origin::moved(scene);
+        let scene = scene.as_ref();
         let materials = &scene.materials;
         let emissive: Vec<usize> =
             scene.meshes.par_iter().map(|mesh| geometry::emissive_triangles(mesh, materials)).collect();
@@ -217,6 +224,8 @@ impl PackedScene {
             frame,
             features: Vec::new(),
             bounds: [Vec3::ZERO; 2],
+            origin: origins.of_scene,
+            origins,
             dynamics: Dynamics::new(top, starts, capacity, dynamic, has_lights),
         };
         packed.show(moment)?;

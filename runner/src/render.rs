@@ -135,7 +135,7 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
         height: request.height,
         index: 0,
         seed: request.seed,
-        camera_origin: camera.origin,
+        camera_origin: camera.origin - packed.origin,
         accumulated: 0,
         camera_right: right * half_width,
         jitter: u32::from(settings.jitter),

@@ -146,7 +146,7 @@ impl PackedScene {
     /// Fills the block that is not in use, and makes it this frame's.
     pub(super) fn show(&mut self, moment: &Moment) -> Result<(), PackError> {
         let drawn = self.dynamics.drawn_at(moment)?;
-        let placed = self.dynamics.top.place(moment, &drawn)?;
+        let placed = self.dynamics.top.place(&self.origins.moment(moment), &drawn)?;
         let half = self.dynamics.half ^ 1;
         let capacity = self.dynamics.capacity;
         let block = half * capacity.record_words();
@@ -211,7 +211,7 @@ impl PackedScene {
         self.frame.emitter_count = weights.len() as u32;
         self.frame.light_count = first_light;
         self.frame.top_root = (first_row / 5) as u32;
-        self.bounds = placed.bounds;
+        self.bounds = placed.bounds.map(|corner| corner + self.origin);
         self.dynamics.half = half;
         self.dynamics.shown = Some(moment.clone());
         self.dynamics.drawn = drawn;

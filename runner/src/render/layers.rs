@@ -46,7 +46,7 @@ pub fn layers(packed: &PackedScene, request: &Request, rendered: &Rendered) -> R
         ),
         normal_geometric: vectors(&|s| s.normal_geometric()),
         normal_shading: vectors(&|s| s.normal_shading()),
-        position: vectors(&|s| s.position()),
+        position: vectors(&|s| s.position() + packed.origin),
         albedo: vectors(&|s| s.diffuse() + s.specular()),
         relative_variance: Some(
             relative
