@@ -3,6 +3,7 @@
 //! A case looks at functions that the passes share, or at frames; the latter on the CPU and on a GPU. What is seen is
 //! measured each time. `weir stress` prints the table, and the tests run the same cases.
 
+pub mod arbitrary;
 mod bsdf;
 pub mod clip;
 mod contact;
@@ -15,7 +16,7 @@ mod sampling;
 pub mod scenarios;
 pub mod scenes;
 mod screen;
-mod stage;
+pub mod stage;
 pub mod statistics;
 mod streams;
 mod tables;
