@@ -172,10 +172,24 @@ impl Clip {
     /// # Errors
     /// If the GPU fails.
     pub fn stills(&mut self, count: u32) -> Result<Still, RenderError> {
+        self.stills_of(count, |_| true)
+    }
+
+    /// The same, of the pixels of these numbers alone.
+    ///
+    /// # Errors
+    /// If the GPU fails.
+    pub fn stills_of(&mut self, count: u32, counts: impl Fn(usize) -> bool) -> Result<Still, RenderError> {
+        let mut frames = Vec::new();
         for i in 0..count {
             self.show(0, |frames| (frames.now.index, frames.now.accumulated) = (i, i))?;
+            let color: Vec<[f32; 4]> = self.output("color")?;
+            let counted = color.iter().enumerate().filter(|(pixel, _)| counts(*pixel));
+            frames.push(counted.flat_map(|(_, c)| &c[..3]).map(|&x| f64::from(x)).sum());
         }
-        Ok(Still { moments: self.output("moments")? })
+        let moments: Vec<Moments> = self.output("moments")?;
+        let counted = moments.into_iter().enumerate().filter(|(pixel, _)| counts(*pixel));
+        Ok(Still { moments: counted.map(|(_, m)| m).collect(), frames })
     }
 
     /// The totals of a shot's frame over independent chains of all shots up to it.
@@ -191,10 +205,7 @@ impl Clip {
             let color: Vec<[f32; 4]> = self.output("color")?;
             totals.push(color.iter().flat_map(|c| &c[..3]).map(|&x| f64::from(x)).sum::<f64>());
         }
-        let n = f64::from(chains);
-        let mean = totals.iter().sum::<f64>() / n;
-        let variance = totals.iter().map(|t| (t - mean).powi(2)).sum::<f64>() / (n * (n - 1.0));
-        Ok(Total { mean, variance })
+        Ok(Total::of(&totals))
     }
 }
 
@@ -202,6 +213,8 @@ impl Clip {
 pub struct Still {
     /// Of each pixel.
     pub moments: Vec<Moments>,
+    /// Sum over channels and pixels of each frame; neighbours share samples, so that pixels don't tell how sure it is.
+    pub frames: Vec<f64>,
 }
 
 impl Still {
@@ -224,9 +237,7 @@ impl Still {
 
     /// The sum over channels and pixels.
     pub fn total(&self) -> Total {
-        let mean = self.channels().map(f64::from).sum();
-        let deviation = |m: &Moments| m.variance_of_mean().to_array().iter().map(|v| f64::from(*v).sqrt()).sum::<f64>();
-        Total { mean, variance: self.moments.iter().map(|m| deviation(m).powi(2)).sum() }
+        Total::of(&self.frames)
     }
 
     /// Finds that the picture can be used, that nothing was dropped, and `more`.
@@ -247,6 +258,14 @@ pub struct Total {
 }
 
 impl Total {
+    /// The mean of independent sums.
+    pub fn of(sums: &[f64]) -> Self {
+        let n = sums.len() as f64;
+        let mean = sums.iter().sum::<f64>() / n;
+        let variance = sums.iter().map(|t| (t - mean).powi(2)).sum::<f64>() / (n * (n - 1.0));
+        Self { mean, variance }
+    }
+
     /// Known without error.
     pub fn exact(mean: f64) -> Self {
         Self { mean, variance: 0.0 }

@@ -39,7 +39,7 @@ fn room() -> Scene {
 fn picture(backend: &Backend<'_>, scene: &Scene) -> Result<(Total, usize, Finding), crate::render::RenderError> {
     let take = Take {
         size: [32, 24],
-        outputs: &["surfaces", "moments"],
+        outputs: &["surfaces", "color", "moments"],
         ..Take::still(scene, Technique::Still, &["camera.jitter=off"])
     };
     let mut clip = Clip::new(backend, &take)?;
@@ -120,13 +120,11 @@ pub fn standing_on_the_floor(backend: &Backend<'_>) -> Found {
         let origin = Vec3::new(-0.3, 1.0, 0.0);
         stage.scene.camera = Some(Camera { origin, target, up: Vec3::NEG_Z, vfov_deg });
         let mut clip = Clip::new(backend, &stage.take(Technique::Still, &[]))?;
-        let still = clip.stills(64)?;
+        clip.show(0, |_| ())?;
         let surfaces: Vec<Surface> = clip.output("surfaces")?;
         // What the lamp itself shows is no matter of the floor.
-        let floor = surfaces.iter().zip(&still.moments).filter(|(s, _)| s.instance() == 0);
-        let moments: Vec<_> = floor.map(|(_, m)| *m).collect();
-        let dark = moments.iter().filter(|m| m.mean[0] == 0.0).count();
-        let lit = super::clip::Still { moments };
+        let lit = clip.stills_of(400, |pixel| !surfaces[pixel].is_sky() && surfaces[pixel].instance() == 0)?;
+        let dark = lit.moments.iter().filter(|m| m.mean[0] == 0.0).count();
         let behind = surfaces.iter().filter(|s| s.instance() == 0 && s.position[0] > 0.25).count();
         let (agrees, text) = lit.total().agrees(&stage.formula(&surfaces), margin);
         let holds = agrees && dark == 0 && behind == 0;

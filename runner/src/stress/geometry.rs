@@ -198,7 +198,7 @@ fn from_within(backend: &Backend<'_>) -> Found {
     scene.camera = Some(Camera { origin: Vec3::splat(0.1), target: Vec3::Y, up: Vec3::X, vfov_deg: 150.0 });
     let take = Take {
         size: [192, 192],
-        outputs: &["surfaces", "moments"],
+        outputs: &["surfaces", "color", "moments"],
         ..Take::still(&scene, Technique::Candidates, &["candidates.count=1"])
     };
     let mut clip = Clip::new(backend, &take)?;

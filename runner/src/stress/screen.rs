@@ -94,7 +94,7 @@ fn odd_sizes(backend: &Backend<'_>) -> Found {
         ] {
             let mut clip = Clip::new(backend, &Take { size, ..Take::still(&scene, technique, knobs) })?;
             chain(&mut clip, 5)?;
-            let still = Still { moments: clip.output("moments")? };
+            let still = Still { moments: clip.output("moments")?, frames: Vec::new() };
             let count = still.moments.iter().filter(|m| m.count == 5).count();
             let all = count as u32 == size[0] * size[1];
             findings.push(still.finding(all, format!("{}x{}: {count} written", size[0], size[1])));
@@ -110,7 +110,7 @@ fn no_neighbors(backend: &Backend<'_>) -> Found {
         Take { size: [7, 5], ..Take::still(&scene, Technique::RealTime, &["reuse.radius=120", "spatial.rounds=2"]) };
     let mut clip = Clip::new(backend, &wide)?;
     chain(&mut clip, 6)?;
-    findings.push(Still { moments: clip.output("moments")? }.finding(true, "radius 120 on 7x5"));
+    findings.push(Still { moments: clip.output("moments")?, frames: Vec::new() }.finding(true, "radius 120 on 7x5"));
     // A single pixel has no neighbours.
     let mut colors = Vec::new();
     for rounds in ["spatial.rounds=0", "spatial.rounds=2"] {

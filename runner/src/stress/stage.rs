@@ -74,7 +74,7 @@ impl Stage {
     /// Stills of the stage through the centers of pixels.
     pub fn take<'a>(&'a self, technique: Technique, knobs: &[&'a str]) -> Take<'a> {
         let knobs = [&["camera.jitter=off"], knobs].concat();
-        Take { outputs: &["surfaces", "moments"], ..Take::still(&self.scene, technique, &knobs) }
+        Take { outputs: &["surfaces", "color", "moments"], ..Take::still(&self.scene, technique, &knobs) }
     }
 
     /// The mean of stills, and what the formula says of the surfaces that they see.
