@@ -2,7 +2,7 @@
 
 mod peak;
 
-use std::io::Cursor;
+use std::io::{Cursor, Read};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
@@ -10,7 +10,7 @@ use exr::image::Encoding;
 use exr::prelude::{Blocks, LayerAttributes, WritableImage};
 use weir::scene::environment;
 use weir::scene::load::{LoadOptions, Loaded, load_from};
-use weir::scene::source::Memory;
+use weir::scene::source::{Memory, Opened, Source, SourceError};
 
 /// Memory is measured for the whole process.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
@@ -145,6 +145,59 @@ fn geometry_costs_memory_in_proportion_to_its_text() {
     assert!(bytes < 16 * obj.len() + MAX_BYTES, "{bytes} bytes for {} bytes of text", obj.len());
 }
 
+/// A file of two gigabytes that never was on a disk: the same line, over and over.
+struct Endless(&'static [u8]);
+
+const GIGABYTES: u64 = 2 << 30;
+
+impl Source for Endless {
+    fn open(&self, name: &str) -> Result<Opened, SourceError> {
+        let reader = Box::new(Lines { line: self.0, left: self.0, count: GIGABYTES / self.0.len() as u64 });
+        Ok(Opened { key: name.into(), path: name.into(), bytes: GIGABYTES, reader })
+    }
+
+    fn find(&self, _base_name: &str) -> Option<String> {
+        None
+    }
+}
+
+struct Lines {
+    line: &'static [u8],
+    /// Of the line that is being read.
+    left: &'static [u8],
+    /// Lines, this one among them.
+    count: u64,
+}
+
+impl Read for Lines {
+    fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
+        if self.left.is_empty() && self.count > 1 {
+            (self.left, self.count) = (self.line, self.count - 1);
+        }
+        self.left.read(into)
+    }
+}
+
+/// Comments are read through; vertices and faces end the reading where there are too many.
+#[test]
+fn two_gigabytes_are_streamed_or_refused() {
+    const COMMENT: &[u8] = &{
+        let mut line = [b'#'; 4096];
+        line[4095] = b'\n';
+        line
+    };
+    for (line, expected, most) in [
+        (COMMENT, "no triangles", MAX_BYTES),
+        (b"v 1 2 3\nv 2 3 4\nv 4 5 7\n" as &[u8], "more than 33554432 vertices", 2 << 30),
+    ] {
+        let _guard = ONE_AT_A_TIME.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let (loaded, bytes) = peak::measure(|| load_from(&Endless(line), "a.obj", &LoadOptions::default()));
+        let error = loaded.expect_err("nothing to draw").to_string();
+        println!("{bytes} bytes at most: {error}");
+        assert!(error.contains(expected) && error.contains("\nhelp: "), "{error}");
+        assert!(bytes < most, "{bytes} bytes");
+    }
+}
 #[test]
 fn files_and_lines_beyond_the_limits_are_refused() {
     let long_line = format!("v 0 0 0\n#{}\n", "x".repeat(2 << 20));
