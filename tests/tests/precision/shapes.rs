@@ -61,9 +61,9 @@ fn hits_of_triangles() {
     };
     let merge = |a: [Worst; 3], b: [Worst; 3]| std::array::from_fn(|i| a[i].merged(b[i]));
     let [t, u, v] = (0..4_000_000u32).into_par_iter().fold(|| none, of).reduce(|| none, merge);
-    assert_stated("distance of a hit", t, 24.0);
-    assert_stated("weight of the second corner, in ulp of 1", u, 64.0);
-    assert_stated("weight of the third corner, in ulp of 1", v, 64.0);
+    assert_stated("distance of a hit", t, 6.0);
+    assert_stated("weight of the second corner, in ulp of 1", u, 32.0);
+    assert_stated("weight of the third corner, in ulp of 1", v, 32.0);
 }
 
 #[test]
@@ -72,7 +72,11 @@ fn maps_between_square_and_triangle() {
     for i in 0..4_000_000u32 {
         let [u, v, ..] = pcg4d(i, 2, 1, 1).map(unit_float);
         let (b, c) = square_to_triangle(u, v);
-        let exact = if v > u { (f64::from(u) / 2.0, f64::from(v) - f64::from(u) / 2.0) } else { (f64::from(u) - f64::from(v) / 2.0, f64::from(v) / 2.0) };
+        let exact = if v > u {
+            (f64::from(u) / 2.0, f64::from(v) - f64::from(u) / 2.0)
+        } else {
+            (f64::from(u) - f64::from(v) / 2.0, f64::from(v) / 2.0)
+        };
         there = there.max((f64::from(b) - exact.0).abs()).max((f64::from(c) - exact.1).abs());
         assert!(b >= 0.0 && c >= 0.0 && b + c <= 1.0);
         let (u_again, v_again) = triangle_to_square(b, c);
@@ -110,7 +114,8 @@ fn exact_metal(specular: f64, alpha: f64, outgoing: DVec3, incoming: DVec3) -> [
     let density = a2 / (PI * d * d);
     let smith = |x: f64| (a2 + (1.0 - a2) * x * x).sqrt();
     let fresnel = |c: f64| specular + (1.0 - specular) * (1.0 - c).powi(5);
-    let reflected = fresnel(half.dot(incoming).max(0.0)) * density * 0.5 / (light * smith(view) + view * smith(light)) * light;
+    let reflected =
+        fresnel(half.dot(incoming).max(0.0)) * density * 0.5 / (light * smith(view) + view * smith(light)) * light;
     // No diffuse lobe: the share of the other is 0.9.
     let masked = density * 2.0 / (view + smith(view)) * 0.25;
     [reflected, 0.9 * masked + 0.1 * FRAC_1_PI * light]
@@ -118,7 +123,7 @@ fn exact_metal(specular: f64, alpha: f64, outgoing: DVec3, incoming: DVec3) -> [
 
 #[test]
 fn lobes() {
-    for (roughness, stated) in [(1.0f32, 16.0), (0.5, 24.0), (0.1, 400.0), (0.03, 4000.0)] {
+    for (roughness, stated) in [1.0f32, 0.5, 0.1, 0.03].map(|roughness| (roughness, 18.0)) {
         let code = pack_unorm16(roughness);
         let specular = pack_unorm16(0.6);
         let up = octahedral::pack(Vec3::Z);
@@ -139,7 +144,8 @@ fn lobes() {
             let [a, b, c, _] = pcg4d(i, 9, 9, 9).map(unit_float);
             let incoming = bsdf.sample(a, b, c);
             if incoming.z > 0.05 {
-                let exact = exact_metal(f64::from(specular) / 65_535.0, alpha, outgoing.as_dvec3(), incoming.as_dvec3());
+                let exact =
+                    exact_metal(f64::from(specular) / 65_535.0, alpha, outgoing.as_dvec3(), incoming.as_dvec3());
                 let seen = [bsdf.evaluate::<true>(incoming).x, bsdf.pdf_solid_angle(incoming)];
                 for (worst, (seen, exact)) in worst.iter_mut().zip(seen.into_iter().zip(exact)) {
                     worst.add(f64::from(i), seen, exact);
