@@ -215,6 +215,21 @@ impl GpuExecutor {
         self.gpu.check()
     }
 
+    /// Fills with ones what the next frame is to write, so that whatever it leaves unwritten shows. For tests.
+    ///
+    /// # Errors
+    /// If the device fails.
+    pub fn poison(&mut self) -> Result<(), GpuError> {
+        self.finish()?;
+        let pool = (0..self.plan.pool.len()).map(Slot::Pool);
+        let slots = pool.chain((0..self.plan.history.len()).map(Slot::Current));
+        for slot in slots {
+            let buffer = self.memory.buffer(slot, self.frames & 1);
+            self.gpu.queue.write_buffer(buffer, 0, &vec![0xff; buffer.size() as usize]);
+        }
+        self.gpu.check()
+    }
+
     /// All bytes of a slot, as the last frame saw it; waits for the frames that were run.
     ///
     /// # Errors
