@@ -47,7 +47,9 @@ fn crowded(boxes: &[Aabb]) -> bool {
         .map(|b| {
             let cell = ((b.center() - all.min) * scale).clamp(Vec3A::ZERO, Vec3A::splat(1023.0));
             // Powers of two of the smallest cells: 0 to 10.
-            let size = ((b.max - b.min) * scale).max_element().clamp(1.0, 1023.0) as u32;
+            // Along an axis without extent, not-a-number: `f32::max` passes it over.
+            let sizes = ((b.max - b.min) * scale).to_array();
+            let size = sizes.into_iter().fold(1.0, f32::max).min(1023.0) as u32;
             let level = size.ilog2();
             let [x, y, z] = [cell.x, cell.y, cell.z].map(|c| (c as u64) >> level);
             u64::from(level) << 30 | x << 20 | y << 10 | z

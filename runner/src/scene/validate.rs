@@ -129,7 +129,9 @@ fn check_environment(environment: &Environment) -> Result<(), String> {
     ensure(rotation_deg.is_finite(), || format!("rotation {rotation_deg} is not finite"))?;
     ensure(scale.is_finite() && scale >= 0.0, || format!("scale {scale} is not a finite number of at least 0"))?;
     let bad = environment.texels.as_flattened().iter().position(|value| !(value.is_finite() && *value >= 0.0));
-    ensure(bad.is_none(), || format!("texel {} is negative or not finite", bad.unwrap_or(0) / 3))
+    ensure(bad.is_none(), || format!("texel {} is negative or not finite", bad.unwrap_or(0) / 3))?;
+    let brightest = environment.texels.as_flattened().iter().fold(0.0, |most: f32, value| most.max(*value));
+    ensure(brightest * scale <= MAX_RADIANCE as f32, || format!("radiance {brightest} times {scale} is above 1e20"))
 }
 
 #[cfg(test)]

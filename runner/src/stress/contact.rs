@@ -123,7 +123,7 @@ pub fn standing_on_the_floor(backend: &Backend<'_>) -> Found {
         clip.show(0, |_| ())?;
         let surfaces: Vec<Surface> = clip.output("surfaces")?;
         // What the lamp itself shows is no matter of the floor.
-        let lit = clip.stills_of(96, |pixel| !surfaces[pixel].is_sky() && surfaces[pixel].instance() == 0)?;
+        let lit = clip.stills_of(400, |pixel| !surfaces[pixel].is_sky() && surfaces[pixel].instance() == 0)?;
         let dark = lit.moments.iter().filter(|m| m.mean[0] == 0.0).count();
         let behind = surfaces.iter().filter(|s| s.instance() == 0 && s.position[0] > 0.25).count();
         let (agrees, text) = lit.total().agrees(&stage.formula(&surfaces), margin);

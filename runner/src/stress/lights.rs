@@ -248,8 +248,6 @@ fn backs(backend: &Backend<'_>) -> Found {
             let (holds, text) =
                 if two_sided { total.agrees(&formula, 0.05) } else { (total.mean == 0.0, total.mean.to_string()) };
             let sides = if two_sided { "two-sided" } else { "one-sided" };
-            // Frames of a chain share samples: their mean is not as certain as it looks.
-            let holds = holds || technique == Technique::RealTime && (total.mean / formula.mean - 1.0).abs() < 0.1;
             findings.push(still.finding(holds, format!("{sides} {technique} {text}")));
         }
     }

@@ -27,10 +27,10 @@ fn worst_of(values: impl ParallelIterator<Item = f32>, function: fn(f32) -> f32,
 #[test]
 fn sine_and_cosine() {
     let small = || floats(1e-6, core::f32::consts::FRAC_PI_4, 61);
-    assert_stated("sine up to pi/4", worst_of(small(), |x| sin_cos(x).0, f64::sin), 1.5);
+    assert_stated("sine up to pi/4", worst_of(small(), |x| sin_cos(x).0, f64::sin), 1.0);
     assert_stated("cosine up to pi/4", worst_of(small(), |x| sin_cos(x).1, f64::cos), 1.5);
     // Near the zeros, an ulp of the result is next to nothing: the absolute error counts.
-    for (limit, stated) in [(core::f32::consts::TAU, 1.2e-7), (8192.0, 1e-3)] {
+    for (limit, stated) in [(core::f32::consts::TAU, 1e-7), (8192.0, 1e-7)] {
         let values = || floats(1e-6, limit, 61).flat_map(|x| [x, -x]);
         let sine = worst_of(values(), |x| sin_cos(x).0, f64::sin).absolute;
         let cosine = worst_of(values(), |x| sin_cos(x).1, f64::cos).absolute;
@@ -43,13 +43,13 @@ fn sine_and_cosine() {
 fn logarithm_and_powers() {
     let normal = || floats(f32::MIN_POSITIVE, f32::MAX, 997);
     let far = |x: &f32| !(0.5..2.0).contains(x);
-    assert_stated("logarithm outside 0.5..2", worst_of(normal().filter(far), log2, f64::log2), 2.0);
+    assert_stated("logarithm outside 0.5..2", worst_of(normal().filter(far), log2, f64::log2), 1.0);
     let near = worst_of(floats(0.5, 2.0, 7), log2, f64::log2);
     println!("logarithm in 0.5..2: {:.2e} absolute, {:.2} ulp at {}", near.absolute, near.ulps, near.at);
-    assert!(near.absolute < 2e-7);
+    assert!(near.absolute < 1e-7);
     let both = || floats(1e-6, 126.0, 97).flat_map(|x| [x, -x]);
-    assert_stated("power of two", worst_of(both(), exp2, f64::exp2), 2.0);
-    for (exponent, stated) in [(1.0 / 2.4, 6.0), (2.2, 30.0), (0.5, 8.0), (8.0, 100.0)] {
+    assert_stated("power of two", worst_of(both(), exp2, f64::exp2), 1.5);
+    for (exponent, stated) in [(1.0 / 2.4, 6.0), (2.2, 26.0), (0.5, 4.0), (8.0, 56.0)] {
         let worst = floats(1e-3, 1.0, 41)
             .fold(Worst::default, |mut worst, x| {
                 worst.add(f64::from(x), pow(x, exponent), f64::from(x).powf(f64::from(exponent)));

@@ -61,9 +61,9 @@ fn hits_of_triangles() {
     };
     let merge = |a: [Worst; 3], b: [Worst; 3]| std::array::from_fn(|i| a[i].merged(b[i]));
     let [t, u, v] = (0..4_000_000u32).into_par_iter().fold(|| none, of).reduce(|| none, merge);
-    assert_stated("distance of a hit", t, 24.0);
-    assert_stated("weight of the second corner, in ulp of 1", u, 64.0);
-    assert_stated("weight of the third corner, in ulp of 1", v, 64.0);
+    assert_stated("distance of a hit", t, 6.0);
+    assert_stated("weight of the second corner, in ulp of 1", u, 32.0);
+    assert_stated("weight of the third corner, in ulp of 1", v, 32.0);
 }
 
 #[test]
@@ -123,7 +123,7 @@ fn exact_metal(specular: f64, alpha: f64, outgoing: DVec3, incoming: DVec3) -> [
 
 #[test]
 fn lobes() {
-    for (roughness, stated) in [(1.0f32, 16.0), (0.5, 24.0), (0.1, 400.0), (0.03, 4000.0)] {
+    for (roughness, stated) in [1.0f32, 0.5, 0.1, 0.03].map(|roughness| (roughness, 18.0)) {
         let code = pack_unorm16(roughness);
         let specular = pack_unorm16(0.6);
         let up = octahedral::pack(Vec3::Z);
