@@ -2,6 +2,7 @@
 
 use std::{
     fs,
+    io::Write as _,
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     sync::{Mutex, MutexGuard, PoisonError},
@@ -31,8 +32,10 @@ impl Display {
         let arguments = [name.as_str(), "-screen", "0", "1400x1000x24", "-nolisten", "tcp"];
         let server = Command::new("Xvfb").args(arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
         let Ok(server) = server else {
-            assert!(std::env::var("REQUIRE_GPU").is_err(), "{test}: there is no Xvfb; install the package xvfb");
-            eprintln!("SKIPPED: {test}: there is no Xvfb");
+            let required = std::env::var("REQUIRE_GPU").is_ok_and(|value| value == "1");
+            assert!(!required, "{test}: there is no Xvfb; install the package xvfb");
+            // Past the capture of the test harness, which shows nothing of tests that pass.
+            let _ = writeln!(std::io::stderr(), "SKIPPED: {test}: there is no Xvfb");
             return None;
         };
         let socket = PathBuf::from(format!("/tmp/.X11-unix/X{number}"));
