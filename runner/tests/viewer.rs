@@ -166,7 +166,7 @@ fn a_broken_file_is_a_message_and_the_program_goes_on() {
     let Some(display) = Display::start("a_broken_file_is_a_message") else { return };
     fs::write(display.path("broken.obj"), "v 0 0 0\nf 1 2 3\n").expect("writable");
     fs::write(display.path("song.mp3"), "la").expect("writable");
-    let script = "wait 4\nkey F2\nwait 4\nscreenshot before.png\ndrop broken.obj\nwait 3\nscreenshot after.png\n\
+    let script = "wait 4\nkey F2\nwait 4\nscreenshot before.png\ndrop broken.obj\nwait 25\nscreenshot after.png\n\
                   drop song.mp3\nwait 2\nquit\n";
     let stderr = display.run("cornell", script, &["--backend", "cpu"], &[]);
     assert!(stderr.contains("broken.obj:2") && stderr.contains("song.mp3"), "{stderr}");
