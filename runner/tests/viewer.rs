@@ -2,6 +2,7 @@
 
 use std::{
     fs,
+    io::Write as _,
     path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     sync::{Mutex, MutexGuard, PoisonError},
@@ -31,8 +32,10 @@ impl Display {
         let arguments = [name.as_str(), "-screen", "0", "1400x1000x24", "-nolisten", "tcp"];
         let server = Command::new("Xvfb").args(arguments).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
         let Ok(server) = server else {
-            assert!(std::env::var("REQUIRE_GPU").is_err(), "{test}: there is no Xvfb; install the package xvfb");
-            eprintln!("SKIPPED: {test}: there is no Xvfb");
+            let required = std::env::var("REQUIRE_GPU").is_ok_and(|value| value == "1");
+            assert!(!required, "{test}: there is no Xvfb; install the package xvfb");
+            // Past the capture of the test harness, which shows nothing of tests that pass.
+            let _ = writeln!(std::io::stderr(), "SKIPPED: {test}: there is no Xvfb");
             return None;
         };
         let socket = PathBuf::from(format!("/tmp/.X11-unix/X{number}"));
@@ -163,7 +166,7 @@ fn a_broken_file_is_a_message_and_the_program_goes_on() {
     let Some(display) = Display::start("a_broken_file_is_a_message") else { return };
     fs::write(display.path("broken.obj"), "v 0 0 0\nf 1 2 3\n").expect("writable");
     fs::write(display.path("song.mp3"), "la").expect("writable");
-    let script = "wait 4\nkey F2\nwait 4\nscreenshot before.png\ndrop broken.obj\nwait 3\nscreenshot after.png\n\
+    let script = "wait 4\nkey F2\nwait 4\nscreenshot before.png\ndrop broken.obj\nwait 25\nscreenshot after.png\n\
                   drop song.mp3\nwait 2\nquit\n";
     let stderr = display.run("cornell", script, &["--backend", "cpu"], &[]);
     assert!(stderr.contains("broken.obj:2") && stderr.contains("song.mp3"), "{stderr}");

@@ -19,22 +19,25 @@ pub fn list(ui: &mut Ui, state: &mut State) {
         return;
     }
     let mut closed = None;
-    egui::Area::new(egui::Id::unique("messages")).anchor(Align2::CENTER_TOP, [0.0, 36.0]).show(ui.ctx(), |ui| {
-        for (i, message) in state.messages.iter().enumerate() {
-            let (fill, title) = match message.is_error {
-                true => (Color32::from_rgb(110, 30, 30), "error"),
-                false => (Color32::from_rgb(30, 60, 40), "message"),
-            };
-            Frame::popup(ui.style()).fill(fill).show(ui, |ui| {
-                ui.set_max_width(560.0);
-                ui.label(RichText::new(&message.text).color(Color32::WHITE));
-                let close = ui.small_button("close").on_hover_text(format!("close this {title}"));
-                if close.clicked() {
-                    closed = Some(i);
-                }
-            });
-        }
-    });
+    egui::Area::new(egui::Id::unique("messages")).fade_in(false).anchor(Align2::CENTER_TOP, [0.0, 36.0]).show(
+        ui.ctx(),
+        |ui| {
+            for (i, message) in state.messages.iter().enumerate() {
+                let (fill, title) = match message.is_error {
+                    true => (Color32::from_rgb(110, 30, 30), "error"),
+                    false => (Color32::from_rgb(30, 60, 40), "message"),
+                };
+                Frame::popup(ui.style()).fill(fill).show(ui, |ui| {
+                    ui.set_max_width(560.0);
+                    ui.label(RichText::new(&message.text).color(Color32::WHITE));
+                    let close = ui.small_button("close").on_hover_text(format!("close this {title}"));
+                    if close.clicked() {
+                        closed = Some(i);
+                    }
+                });
+            }
+        },
+    );
     if let Some(i) = closed {
         state.messages.remove(i);
     }
