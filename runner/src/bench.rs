@@ -205,8 +205,8 @@ pub fn run(
         found.iter_mut().for_each(|m| m.n_eff = unit / m.relative_variance.value);
         results.scenes.push(SceneResults {
             name: target.name.clone(),
-            triangles: target.scene.triangle_count() as u64,
-            lights: target.scene.emissive_triangle_count() as u64,
+            triangles: target.scene.triangle_count(),
+            lights: target.scene.emissive_triangle_count(),
             reference: judge.facts.clone(),
             methods: found,
             peak_bytes: peak_bytes(),
@@ -295,7 +295,7 @@ fn extras(
         let times = chains::time_in_turns(&pairs, plan.extra_frames, backend, halt)?;
         for (index, (target, time)) in targets.iter().zip(times).enumerate() {
             if results.lights.len() <= index {
-                let lights = target.scene.emissive_triangle_count() as u64;
+                let lights = target.scene.emissive_triangle_count();
                 results.lights.push(LightCost { lights, ..LightCost::default() });
             }
             let row = &mut results.lights[index];

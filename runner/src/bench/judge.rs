@@ -161,10 +161,8 @@ impl Judge {
         let (rendered, integrator) = make(target, time, backend, halt)?;
         let path = kept.clone().unwrap_or_default();
         let judge = Self::new(rendered.picture.clone(), &rendered.variance, rendered.samples, &integrator, &path);
-        if halt.reason().is_none() {
-            if let Some(path) = kept {
-                keep(&path, target, &rendered, &integrator);
-            }
+        if let Some(path) = kept.filter(|_| halt.reason().is_none()) {
+            keep(&path, target, &rendered, &integrator);
         }
         Ok(judge)
     }

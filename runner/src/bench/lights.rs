@@ -60,7 +60,7 @@ mod tests {
         let park = (builtin::find("park").expect("built in").build)();
         for wanted in [100, 10_000, u64::MAX] {
             let dimmed = with_lights(&park, wanted);
-            let (found, all) = (dimmed.emissive_triangle_count() as u64, park.emissive_triangle_count() as u64);
+            let (found, all) = (dimmed.emissive_triangle_count(), park.emissive_triangle_count());
             assert!(found >= wanted.min(all) && found <= wanted.saturating_mul(4).min(all), "{found} of {wanted}");
             assert_eq!(dimmed.triangle_count(), park.triangle_count());
         }

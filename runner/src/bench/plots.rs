@@ -110,7 +110,7 @@ pub(super) fn number(x: f64) -> String {
     match x.abs() {
         a if !a.is_finite() => String::from("unknown"),
         0.0 => String::from("0"),
-        a if a >= 1e5 || a < 1e-3 => format!("{x:.1e}"),
+        a if !(1e-3..1e5).contains(&a) => format!("{x:.1e}"),
         a => {
             let digits = (2.0 - a.log10().floor()).clamp(0.0, 5.0) as usize;
             let text = format!("{x:.digits$}");
