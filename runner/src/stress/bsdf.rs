@@ -132,7 +132,7 @@ pub fn grazing() -> Finding {
 fn glossy(backend: &Backend<'_>) -> Found {
     let mut findings = Vec::new();
     for (roughness, margin) in [(0.0, 0.1), (1e-4, 0.1), (0.1, 0.06), (1.0, 0.05)] {
-        let mut stage = Stage::new();
+        let mut stage = Stage::floor();
         stage.panel(Vec3::new(-0.5, 2.0, -0.5), Vec3::X, Vec3::Z, shining(1e5));
         let floor = &mut stage.scene.materials[0];
         (floor.specular, floor.roughness, floor.metallic) = (Vec3::splat(0.8), roughness, 0.5);
@@ -147,7 +147,7 @@ fn glossy(backend: &Backend<'_>) -> Found {
 fn furnace(backend: &Backend<'_>) -> Found {
     let mut findings = Vec::new();
     for albedo in [0.0, 1.0] {
-        let mut stage = Stage::new();
+        let mut stage = Stage::floor();
         stage.scene.materials[0].base_color = Vec3::splat(albedo);
         stage.scene.environment = Some(Environment {
             name: "white".into(),
@@ -174,7 +174,7 @@ fn furnace(backend: &Backend<'_>) -> Found {
 fn pure_colors(backend: &Backend<'_>) -> Found {
     let mut findings = Vec::new();
     for color in [Vec3::Z, Vec3::new(1.0, 0.0, 1.0)] {
-        let mut stage = Stage::new();
+        let mut stage = Stage::floor();
         // A white light beside it would drown what a luminance weighs with 0.07.
         stage.lamp(Vec3::new(-1.0, 2.0, -0.5), Vec3::X, Vec3::Z, Material { emission: color * 4.0, ..shining(1.0) });
         let (still, formula) = stage.measured(backend, Technique::Still, &[], 48)?;
@@ -230,7 +230,7 @@ fn read_numbers() -> Finding {
 }
 
 fn bright(backend: &Backend<'_>) -> Found {
-    let mut stage = Stage::new();
+    let mut stage = Stage::floor();
     stage.panel(Vec3::new(-0.3, 0.5, 0.3), Vec3::X * 0.6, Vec3::NEG_Z * 0.6, shining(1e6));
     let mut findings = Vec::new();
     for technique in [Technique::Still, Technique::RealTime] {

@@ -87,7 +87,7 @@ pub fn scales(backend: &Backend<'_>) -> Found {
 pub fn on_a_wall(backend: &Backend<'_>) -> Found {
     let mut findings = Vec::new();
     for gap in [1e-2, 1e-5] {
-        let mut stage = Stage::new();
+        let mut stage = Stage::floor();
         // A black wall along z, and a lamp before it that faces +x: y x z.
         let black = Material { base_color: Vec3::ZERO, ..Material::default() };
         stage.panel(Vec3::new(-0.6, 0.0, -2.0), Vec3::Y * 2.0, Vec3::Z * 4.0, black);
@@ -112,7 +112,7 @@ pub fn on_a_wall(backend: &Backend<'_>) -> Found {
 }
 
 pub fn standing_on_the_floor(backend: &Backend<'_>) -> Found {
-    let mut stage = Stage::new();
+    let mut stage = Stage::floor();
     // Faces -x: z x y.
     stage.lamp(Vec3::new(0.25, 0.0, -1.0), Vec3::Z * 2.0, Vec3::Y * 0.5, shining(3.0));
     let mut findings = Vec::new();
@@ -136,7 +136,7 @@ pub fn standing_on_the_floor(backend: &Backend<'_>) -> Found {
 pub fn thin_wall(backend: &Backend<'_>) -> Found {
     let mut findings = Vec::new();
     for technique in [Technique::Still, Technique::RealTime] {
-        let mut stage = Stage::new();
+        let mut stage = Stage::floor();
         let gray = Material { base_color: Vec3::splat(ALBEDO), ..Material::default() };
         // Two faces, 1e-4 apart, from below the floor to above the camera, and a lid over the dark side.
         stage.panel(Vec3::new(0.0, -0.1, -2.0), Vec3::Y * 4.0, Vec3::Z * 4.0, gray.clone());
@@ -155,7 +155,7 @@ pub fn thin_wall(backend: &Backend<'_>) -> Found {
         findings.push(still.finding(lit == 0, format!("{technique}: {lit} channels lit behind it")));
     }
     // Before it, the wall takes nothing away.
-    let mut stage = Stage::new();
+    let mut stage = Stage::floor();
     let black = Material { base_color: Vec3::ZERO, ..Material::default() };
     stage.panel(Vec3::new(0.48, -0.1, -2.0), Vec3::Z * 4.0, Vec3::Y * 4.0, black);
     stage.lamp(Vec3::new(-0.5, 2.0, -0.5), Vec3::X * 0.5, Vec3::Z, shining(1e4));
@@ -170,7 +170,7 @@ pub fn coincident(backend: &Backend<'_>) -> Found {
     let mut findings = Vec::new();
     for first in [false, true] {
         for facing_down in [false, true] {
-            let mut stage = Stage::new();
+            let mut stage = Stage::floor();
             let black = || Material { base_color: Vec3::ZERO, ..Material::default() };
             let sides = if facing_down { (a, b) } else { (b, a) };
             if first {
@@ -186,7 +186,7 @@ pub fn coincident(backend: &Backend<'_>) -> Found {
         }
     }
     // In one mesh, so that the tree itself holds both.
-    let mut stage = Stage::new();
+    let mut stage = Stage::floor();
     stage.lamp(corner, a, b, shining(4.0));
     let lamp = stage.scene.meshes.last_mut().expect("a lamp has a mesh");
     let double = quad("double", corner, a, b, 0);

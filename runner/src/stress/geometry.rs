@@ -170,7 +170,7 @@ pub fn leaks(shift: Vec3, rays: u32) -> u32 {
         let corners = mesh.triangles[a as usize % mesh.triangles.len()].map(|v| mesh.positions[v as usize]);
         let (from, to) = (corners[b as usize % 3], corners[(b as usize + 1) % 3]);
         // Every fourth ray goes to a corner.
-        let share = if i % 4 == 0 { 0.0 } else { unit_float(c) };
+        let share = if i.is_multiple_of(4) { 0.0 } else { unit_float(c) };
         let target = from + (to - from) * share;
         let origin = shift + Vec3::new(unit_float(d) - 0.5, unit_float(d << 8) - 0.5, unit_float(d << 16) - 0.5);
         let direction = target - origin;
@@ -276,7 +276,7 @@ fn poles() -> Finding {
 fn mirrored(backend: &Backend<'_>) -> Found {
     let mut findings = Vec::new();
     for scale in [Vec3::new(-2.0, 1.0, 0.5), Vec3::new(0.3, -1.0, 2.0), Vec3::new(-1.0, -1.0, -1.5)] {
-        let mut stage = Stage::new();
+        let mut stage = Stage::floor();
         // Faces down, before and after the transform: a mirror keeps the front in front.
         let up = scale.y < 0.0;
         let (a, b) = if up { (Vec3::Z, Vec3::X) } else { (Vec3::X, Vec3::Z) };
@@ -297,7 +297,7 @@ fn mirrored(backend: &Backend<'_>) -> Found {
 
 /// A floor whose shading normals point in all directions.
 fn bent_normals(backend: &Backend<'_>) -> Found {
-    let mut stage = Stage::new();
+    let mut stage = Stage::floor();
     stage.panel(Vec3::new(-0.5, 1.5, -0.5), Vec3::X, Vec3::Z, shining(5.0));
     let mut findings = Vec::new();
     for normals in [
@@ -349,7 +349,7 @@ fn crowds() -> Finding {
 }
 
 fn many_instances(backend: &Backend<'_>) -> Found {
-    let mut stage = Stage::new();
+    let mut stage = Stage::floor();
     stage.lamp(Vec3::new(-0.5, 2.0, -0.5), Vec3::X, Vec3::Z, shining(4.0));
     let speck = stage.panel(Vec3::ZERO, Vec3::X * 1e-3, Vec3::Z * 1e-3, Material::default());
     let mesh = stage.scene.instances[speck as usize].mesh;

@@ -83,7 +83,7 @@ fn hashes() -> Finding {
         for lane in 0..4 {
             let at = |pixel: u32, frame: u32, dimension: u32| pcg4d(pixel, seed, frame, dimension)[lane];
             let laws = [
-                pairs(|i| [at(i & 255 | i >> 8 << 16, 0, 7), at((i & 255) + 1 | i >> 8 << 16, 0, 7)]),
+                pairs(|i| [at((i & 255) | ((i >> 8) << 16), 0, 7), at(((i & 255) + 1) | ((i >> 8) << 16), 0, 7)]),
                 pairs(|i| {
                     [at(5, u32::MAX - 1000 + i.min(999), i), at(5, (u32::MAX - 1000 + i.min(999)).wrapping_add(1), i)]
                 }),
@@ -127,7 +127,7 @@ fn threads(backend: &Backend<'_>) -> Found {
         };
         match backend {
             Backend::Cpu(_) => match rayon::ThreadPoolBuilder::new().num_threads(threads).build() {
-                Ok(pool) => pool.install(|| draw())?,
+                Ok(pool) => pool.install(&mut draw)?,
                 Err(error) => return Ok(Finding::new(false, error.to_string())),
             },
             Backend::Gpu(_) => draw()?,

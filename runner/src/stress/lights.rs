@@ -135,7 +135,7 @@ const BOTH: [Technique; 2] = [Technique::Still, Technique::RealTime];
 
 fn few_lights(backend: &Backend<'_>) -> Found {
     let mut findings = Vec::new();
-    let mut stage = Stage::new();
+    let mut stage = Stage::floor();
     for technique in BOTH {
         let dark = Clip::new(backend, &Take::still(&stage.scene, technique, &[]))?.stills(2)?;
         let most = dark.channels().fold(0.0, f32::max);
@@ -155,7 +155,7 @@ fn few_lights(backend: &Backend<'_>) -> Found {
     let (agrees, text) = sky.total().agrees(&expected, 0.03);
     findings.push(sky.finding(agrees, format!("sky {text}")));
 
-    let mut stage = Stage::new();
+    let mut stage = Stage::floor();
     stage.panel(Vec3::new(-0.5, 2.0, -0.5), Vec3::X, Vec3::Z, shining(4.0));
     // One triangle of the panel.
     let lamp = stage.scene.meshes.last_mut().expect("a panel has a mesh");
@@ -196,7 +196,7 @@ fn all_off(backend: &Backend<'_>) -> Found {
 
 /// A strong light that the floor hardly sees, and a weak one just above it, out of view.
 fn weak_but_near(backend: &Backend<'_>) -> Found {
-    let mut stage = Stage::new();
+    let mut stage = Stage::floor();
     // Facing up: all of its power is lost. Power 1e12 times that of the other.
     stage.panel(Vec3::new(-5.0, 30.0, 5.0), Vec3::X * 10.0, Vec3::NEG_Z * 10.0, shining(1e10));
     stage.lamp(Vec3::new(0.5, 0.05, -0.5), Vec3::Z, Vec3::Y * 0.01, shining(1.0));
@@ -210,7 +210,7 @@ fn weak_but_near(backend: &Backend<'_>) -> Found {
 }
 
 fn degenerate_lamps(backend: &Backend<'_>) -> Found {
-    let mut stage = Stage::new();
+    let mut stage = Stage::floor();
     let lamp = shining(5.0);
     stage.lamp(Vec3::new(-0.5, 2.0, -0.5), Vec3::X, Vec3::Z, lamp.clone());
     for (a, b) in [(Vec3::X, Vec3::X), (Vec3::ZERO, Vec3::Z), (Vec3::ZERO, Vec3::ZERO), (Vec3::X, Vec3::X * 2.0)] {
@@ -222,7 +222,7 @@ fn degenerate_lamps(backend: &Backend<'_>) -> Found {
 }
 
 fn lamp_in_the_floor(backend: &Backend<'_>) -> Found {
-    let mut stage = Stage::new();
+    let mut stage = Stage::floor();
     stage.panel(Vec3::new(-0.2, 0.0, 0.2), Vec3::X * 0.4, Vec3::NEG_Z * 0.4, shining(3.0));
     let mut findings = Vec::new();
     for technique in BOTH {
@@ -239,7 +239,7 @@ fn backs(backend: &Backend<'_>) -> Found {
     let mut findings = Vec::new();
     for two_sided in [false, true] {
         // Up: b x a.
-        let mut stage = Stage::new();
+        let mut stage = Stage::floor();
         let material = Material { two_sided_emission: two_sided, ..shining(4.0) };
         stage.lamp(corner, b, a, material);
         for technique in BOTH {
@@ -255,7 +255,7 @@ fn backs(backend: &Backend<'_>) -> Found {
 }
 
 fn textured(backend: &Backend<'_>) -> Found {
-    let mut stage = Stage::new();
+    let mut stage = Stage::floor();
     let mut texels = vec![0xff00_0000; 64];
     texels[19] = 0xffff_ffff;
     stage.scene.textures.push(Texture { name: "one".into(), width: 8, height: 8, texels, srgb: false });

@@ -62,7 +62,7 @@ pub fn moving_occluder(backend: &Backend<'_>) -> Found {
 
 /// Two lamps above the floor, of which one is large in every other frame.
 pub fn scaled_light(backend: &Backend<'_>) -> Found {
-    let mut stage = Stage::new();
+    let mut stage = Stage::floor();
     // Around the origin, so that scaling leaves them where they are; facing down.
     let mesh = stage.panel(Vec3::new(-0.5, 0.0, -0.5), Vec3::X, Vec3::Z, shining(2.0));
     let other = stage.place(mesh, Mat4::IDENTITY);
@@ -102,7 +102,7 @@ pub fn trembling_camera(backend: &Backend<'_>) -> Found {
 
 /// A box comes from behind the camera, and a camera that goes through it.
 pub fn from_behind(backend: &Backend<'_>) -> Found {
-    let mut stage = Stage::new();
+    let mut stage = Stage::floor();
     stage.panel(Vec3::new(-0.4, 1.6, -0.4), Vec3::X * 0.8, Vec3::Z * 0.8, shining(6.0));
     let gray = Material::default();
     let slab = stage.panel(Vec3::new(-0.3, 0.0, 0.3), Vec3::X * 0.6, Vec3::NEG_Z * 0.6, gray);

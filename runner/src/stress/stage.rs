@@ -31,7 +31,7 @@ pub fn shining(radiance: f32) -> Material {
 
 impl Stage {
     /// A floor of 4 by 4 that faces up at height 0, seen from 1 above its middle.
-    pub fn new() -> Self {
+    pub fn floor() -> Self {
         let camera = Camera { origin: Vec3::Y, target: Vec3::ZERO, up: Vec3::NEG_Z, vfov_deg: 40.0 };
         let mut stage = Self::bare(camera);
         let gray = Material { base_color: Vec3::splat(ALBEDO), ..Material::default() };
