@@ -214,7 +214,8 @@ mod tests {
     #[test]
     fn a_slower_frame_a_noisier_one_and_a_bias_are_seen_each_where_it_is() {
         let old = run(1, |_| {});
-        let changes: [(&str, fn(&mut MethodResults)); 3] = [
+        type Change = fn(&mut MethodResults);
+        let changes: [(&str, Change); 3] = [
             ("frame time in yardsticks", |m| m.frame_yardsticks = scaled(&m.frame_yardsticks, 1.4)),
             ("variance of a frame", |m| m.relative_variance = scaled(&m.relative_variance, 1.3)),
             ("bias", |m| m.bias = Quantity::mean(m.bias.samples.iter().map(|b| b - 0.05).collect())),
