@@ -21,7 +21,7 @@ impl Worst {
         let error = (f64::from(value) - exact).abs();
         let ulps = error / ulp(exact);
         // Not-a-number is the worst there is.
-        if !(ulps <= self.ulps) {
+        if ulps.is_nan() || ulps > self.ulps {
             (self.ulps, self.at) = (if ulps.is_nan() { f64::INFINITY } else { ulps }, at);
         }
         self.absolute = self.absolute.max(error);
