@@ -145,7 +145,7 @@ pub fn unpack_unorm16(bits: u32) -> f32 {
     (bits & 0xffff) as f32 / 65_535.0
 }
 
-/// Sine and cosine of `x` radians, for `|x|` up to 8192. Absolute error at most 2e-7 for `|x| <= 2 pi`.
+/// Sine and cosine of `x` radians, for `|x|` up to 8192. Absolute error at most 1e-7; for `|x| <= pi / 4`, 1.0 and 1.5 ulp.
 ///
 /// Source: the minimax polynomials of Cephes (`sinf`, `cosf`).
 pub fn sin_cos(x: f32) -> (f32, f32) {
@@ -160,7 +160,7 @@ pub fn sin_cos(x: f32) -> (f32, f32) {
     if turn >= 2 { (-s, -c) } else { (s, c) }
 }
 
-/// Angle of the point (x, y), in `-pi..=pi`; 0 at the origin. Absolute error at most 3e-7.
+/// Angle of the point (x, y), in `-pi..=pi`; 0 at the origin. Error at most 3 ulp, and 3e-7.
 ///
 /// Source: the polynomial of Cephes (`atanf`).
 pub fn atan2(y: f32, x: f32) -> f32 {
@@ -183,7 +183,7 @@ pub fn atan2(y: f32, x: f32) -> f32 {
     if y < 0.0 { -half } else { half }
 }
 
-/// Base-2 logarithm of a positive normal number. Absolute error at most 2e-7 plus half a unit in the last place;
+/// Base-2 logarithm of a positive normal number. Error at most 1 ulp outside 0.5..2, and 1e-7 within;
 /// -126 for zero, negative numbers and denormals.
 ///
 /// Source: the polynomial of Cephes (`logf`).
@@ -213,7 +213,7 @@ pub fn log2(x: f32) -> f32 {
     natural * core::f32::consts::LOG2_E + exponent
 }
 
-/// 2 to the power of `x`, with `x` limited to -126..=127. Relative error at most 3e-7.
+/// 2 to the power of `x`, with `x` limited to -126..=127. Error at most 1.5 ulp.
 ///
 /// Source: the polynomial of Cephes (`exp2f`).
 pub fn exp2(x: f32) -> f32 {
@@ -227,7 +227,8 @@ pub fn exp2(x: f32) -> f32 {
     polynomial * f32::from_bits(((whole as i32 + 127) as u32) << 23)
 }
 
-/// `x` to the power of `y` for `x >= 0`; 0 where `x` is 0 or less. Relative error about 1e-6 for moderate exponents.
+/// `x` to the power of `y` for `x >= 0`; 0 where `x` is 0 or less. For `x` in 0.001..1, error at most 4 ulp with
+/// exponent 0.5, 6 with 1 / 2.4, 26 with 2.2 and 56 with 8.
 pub fn pow(x: f32, y: f32) -> f32 {
     if x > 0.0 { exp2(y * log2(x)) } else { 0.0 }
 }

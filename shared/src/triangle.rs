@@ -76,7 +76,8 @@ impl ShearedRay {
         }
     }
 
-    /// Intersects with triangle number `triangle` of a buffer of nine floats each.
+    /// Intersects with triangle number `triangle` of a buffer of nine floats each. For triangles of size 1 that are not
+    /// edge-on, seen from 3 away, `t` is within 6 ulp, and the weights within 32 ulp of 1.
     #[inline(always)]
     pub fn intersect(&self, triangles: &[f32], triangle: u32) -> TriangleHit {
         let base = triangle.wrapping_mul(9);
