@@ -37,7 +37,7 @@ fn lamp() -> impl Strategy<Value = Lamp> {
 
 /// Without shadow rays lamps don't hide each other, so that the formula is exact.
 fn check(lamps: &[Lamp], technique: Technique) -> Result<(), TestCaseError> {
-    let mut stage = Stage::new();
+    let mut stage = Stage::floor();
     for Lamp { decades, middle, size, turn, tilt } in lamps {
         let turned = Quat::from_rotation_y(*turn) * Quat::from_rotation_x(*tilt);
         let (a, b) = (turned * (Vec3::X * size[0]), turned * (Vec3::Z * size[1]));
