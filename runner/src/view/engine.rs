@@ -29,6 +29,7 @@ use super::{
 use crate::{
     budget::TimeBudget,
     executor::gpu::{Gpu, GpuError},
+    faults::Faults,
     graph::GraphError,
     margin::Batches,
     packed::{Changed, Moment, PackError, PackedScene},
@@ -90,6 +91,7 @@ pub struct Engine {
     facts: SceneFacts,
     /// Frames of the still in batches, which say how far off it is.
     batches: Option<Batches>,
+    faults: Option<Faults>,
     /// The time budget, and the settings that it started from.
     budget: Option<(TimeBudget, Settings)>,
 }
@@ -139,6 +141,7 @@ impl Engine {
             dynamic: false,
             facts,
             batches: None,
+            faults: None,
             budget: None,
         })
     }
@@ -322,6 +325,7 @@ impl Engine {
     fn measure(&mut self, accumulated: u32) -> Result<(), GpuError> {
         let Some(chain) = &mut self.still else { return Ok(()) };
         if accumulated == 1 {
+            self.faults = None;
             let pixels = chain.plan.facts.width as usize * chain.plan.facts.height as usize;
             self.batches = Some(Batches::new(pixels, None));
         }
@@ -329,6 +333,7 @@ impl Engine {
             return Ok(());
         };
         let moments = chain.executor.read(&chain.plan, "moments")?;
+        self.faults = Some(Faults::of(moments.elements()));
         let moments: Vec<_> = moments.elements::<Moments>().iter().map(pixel_moments).collect();
         batches.add(accumulated, |pixel| moments[pixel]);
         if let Some(margin) = batches.margin(accumulated, &moments) {
@@ -419,6 +424,7 @@ impl Engine {
             rays: rays(&chain.plan, &request.settings),
             reference_samples: self.estimates.first().map_or(0, |e| e.count),
             inspected,
+            faults: self.faults.clone().filter(|_| request.technique == Technique::Still),
             budget: None,
         })
     }

@@ -5,7 +5,7 @@ use std::{sync::Arc, time::Duration};
 use glam::UVec2;
 use weir_shared::{moments::Moments, reservoir::Reservoir, surface::Surface};
 
-use crate::{budget::Counts, scene::bounds::Bounds, technique::Technique};
+use crate::{budget::Counts, faults::Faults, scene::bounds::Bounds, technique::Technique};
 
 /// Where the pixels of a picture are: 8-bit sRGB, red in the low byte.
 #[derive(Clone)]
@@ -74,6 +74,8 @@ pub struct Frames {
     pub reference_samples: u64,
     /// The pixel that is inspected.
     pub inspected: Option<Inspected>,
+    /// Weights that passes have dropped so far; known of stills, from time to time.
+    pub faults: Option<Faults>,
     /// What has become of the time budget, where there is one.
     pub budget: Option<BudgetFacts>,
 }

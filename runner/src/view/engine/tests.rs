@@ -183,6 +183,16 @@ fn a_time_budget_moves_knobs_in_real_time_and_leaves_stills_alone() {
 }
 
 #[test]
+fn dropped_weights_are_counted_while_the_picture_is_averaged() {
+    let mut engine = cornell();
+    let want = Want { goal_percent: 0.0, ..want(&engine) };
+    let first = frame(&mut engine, &want);
+    assert_eq!((first.technique, first.faults), (Technique::RealTime, None));
+    let counted = (0..20).find_map(|_| frame(&mut engine, &want).faults);
+    assert_eq!(counted, Some(Faults::default()));
+}
+
+#[test]
 fn an_inspected_pixel_holds_what_its_frame_has_left_there() {
     let mut engine = cornell();
     let want = Want { inspect: Some(UVec2::new(12, 14)), accumulate: false, ..want(&engine) };

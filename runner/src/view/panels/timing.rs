@@ -41,6 +41,11 @@ pub fn times(ui: &mut Ui, state: &mut State) {
             mebibytes(frames.schedule.frame_bytes)
         ));
         ui.label(format!("exposure {:.3}, time {:.2} s", frames.exposure, frames.time_s));
+        match &frames.faults {
+            Some(faults) if faults.samples > 0 => ui.colored_label(ui.visuals().warn_fg_color, faults.to_string()),
+            Some(_) => ui.label("no weight was dropped"),
+            None => ui.label("dropped weights are counted while the picture is averaged"),
+        };
     }
     if stats.passes.is_empty() {
         ui.label("This GPU has no clock for passes.");
