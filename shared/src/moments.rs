@@ -26,9 +26,13 @@ pub struct Moments {
 
 const _: () = assert!(size_of::<Moments>() == 48);
 
+/// Where sums of squared deviations stop.
+const MOST_DEVIATION: f32 = 3e38;
+
 impl Moments {
     /// With one more frame, and the first [`crate::fault`] on the way to it. The mean is summed with compensation, so that
-    /// it stays exact over millions of frames. Squared deviations stay finite, at 1e38 or above.
+    /// it stays exact over millions of frames. Squared deviations stay finite, at
+    /// 3e38 at most.
     ///
     /// Source: Welford 1962; Kahan 1965.
     #[inline(always)]
@@ -45,8 +49,7 @@ impl Moments {
         let new_carry = (new_mean - mean) - step;
         let square = difference * (value - new_mean);
         // Not-a-number, which stands for an overflow as well, counts as the most.
-        let most = f32::from_bits(0x7f7f_ffff);
-        let sum = |kept: f32, added: f32| min(kept + added, most);
+        let sum = |kept: f32, added: f32| min(kept + added, MOST_DEVIATION);
         let new_deviation =
             Vec3::new(sum(deviation.x, square.x), sum(deviation.y, square.y), sum(deviation.z, square.z));
         Self {

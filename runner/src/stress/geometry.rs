@@ -174,7 +174,8 @@ pub fn leaks(shift: Vec3, rays: u32) -> u32 {
         let target = from + (to - from) * share;
         let origin = shift + Vec3::new(unit_float(d) - 0.5, unit_float(d << 8) - 0.5, unit_float(d << 16) - 0.5);
         let direction = target - origin;
-        direction.length_squared() > 0.0 && closest(&packed, &Ray { origin, direction, t_max: FAR }).is_miss()
+        let ray = Ray { origin: origin - packed.origin, direction, t_max: FAR };
+        direction.length_squared() > 0.0 && closest(&packed, &ray).is_miss()
     };
     (0..rays).into_par_iter().filter(is_leak).count() as u32
 }
