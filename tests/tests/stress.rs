@@ -1,13 +1,15 @@
-//! The stress list, as tests: a function for each theme, so that they run side by side.
+//! The stress list, as tests: a function for each theme, so that they run side by side. On the CPU; with
+//! `WEIR_LONG_TESTS=1` on the GPU as well, where most of the time goes into compiling passes for each case.
 
 use weir::stress::{Executors, Outcome, Row, THEMES};
 use weir_tests::gpu_or_skip;
 
-/// Runs the cases of a theme on each executor.
+/// Runs the cases of a theme.
 fn assert_holds(name: &str) {
     let theme = THEMES.iter().find(|theme| theme.name == name).expect("a theme of that name");
-    let gpu = gpu_or_skip(&format!("stress: {name}"));
-    let executors = Executors { cpu: true, gpu: gpu.as_ref().ok_or("no adapter") };
+    let is_long = std::env::var("WEIR_LONG_TESTS").is_ok_and(|v| v == "1");
+    let gpu = if is_long { gpu_or_skip(&format!("stress: {name}")) } else { None };
+    let executors = Executors { cpu: true, gpu: gpu.as_ref().ok_or("not asked for") };
     let rows = theme.run_all(&executors);
     for row in &rows {
         println!("{row} | {:.2} s", row.seconds);
