@@ -342,7 +342,8 @@ fn crowds() -> Finding {
     let view = SceneView { triangles: &stacked.triangles, records: &stacked.records, texels: &stacked.texels };
     let through = bvh::closest_hit::<false, true>(&stacked.frame, &view, &stacked.bvh, &ray);
     let seconds = start.elapsed().as_secs_f64();
-    let holds = found == 3.0 && through.t == 3.0 && through.instance == 0 && seconds < 10.0;
+    let holds =
+        (found - 3.0).abs() <= 4.0 * 3.0 * f32::EPSILON && through.t == 3.0 && through.instance == 0 && seconds < 10.0;
     Finding::new(
         holds,
         format!("built in {seconds:.1} s, t = {found} and {}, instance {}", through.t, through.instance),
