@@ -342,8 +342,9 @@ fn crowds() -> Finding {
     let view = SceneView { triangles: &stacked.triangles, records: &stacked.records, texels: &stacked.texels };
     let through = bvh::closest_hit::<false, true>(&stacked.frame, &view, &stacked.bvh, &ray);
     let seconds = start.elapsed().as_secs_f64();
-    let holds =
-        (found - 3.0).abs() <= 4.0 * 3.0 * f32::EPSILON && through.t == 3.0 && through.instance == 0 && seconds < 10.0;
+    // The nearest of 100,000 results, each off by as many ulp as the intersection states: six of them.
+    let is_near = (found - 3.0).abs() <= 6.0 * 2.0 * f32::EPSILON;
+    let holds = is_near && through.t == 3.0 && through.instance == 0 && seconds < 10.0;
     Finding::new(
         holds,
         format!("built in {seconds:.1} s, t = {found} and {}, instance {}", through.t, through.instance),
