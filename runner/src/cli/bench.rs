@@ -189,7 +189,7 @@ fn read(path: &Path) -> anyhow::Result<Results> {
 
 fn not_results(path: &Path, reason: &str) -> SceneError {
     SceneError::bad_data(
-        Place::new(&path.display().to_string(), 0),
+        Place::new(path.display().to_string(), 0),
         format!("no results of `weir bench`: {reason}"),
         "name a results.json",
     )
