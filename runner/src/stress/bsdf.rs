@@ -12,12 +12,12 @@ use weir_shared::{
 use super::{
     Case, Check, Finding, Found,
     clip::{Clip, Take, Total},
-    stage::{Stage, shining},
+    stage::{Stage, shining, white_sky},
 };
 use crate::{
     render::Backend,
     scene::{
-        Environment, Material, environment,
+        Material, environment,
         load::{LoadOptions, load_from},
         source::Memory,
     },
@@ -149,14 +149,7 @@ fn furnace(backend: &Backend<'_>) -> Found {
     for albedo in [0.0, 1.0] {
         let mut stage = Stage::floor();
         stage.scene.materials[0].base_color = Vec3::splat(albedo);
-        stage.scene.environment = Some(Environment {
-            name: "white".into(),
-            width: 16,
-            height: 8,
-            texels: vec![[1.0; 3]; 128],
-            rotation_deg: 0.0,
-            scale: 1.0,
-        });
+        stage.scene.environment = Some(white_sky());
         for technique in [Technique::Still, Technique::Candidates] {
             let still = Clip::new(backend, &stage.take(technique, &[]))?.stills(128)?;
             let total = still.total();

@@ -18,12 +18,12 @@ use super::{
     Case, Check, Finding, Found,
     clip::{Clip, Take},
     contact,
-    stage::{Stage, shining},
+    stage::{Stage, shining, white_sky},
 };
 use crate::{
     packed::PackedScene,
     render::Backend,
-    scene::{Camera, Environment, Instance, Material, Mesh, Motion, Scene},
+    scene::{Camera, Instance, Material, Mesh, Motion, Scene},
     technique::Technique,
 };
 
@@ -188,14 +188,7 @@ fn edges_and_corners() -> Finding {
 
 fn from_within(backend: &Backend<'_>) -> Found {
     let mut scene = alone(ball(72));
-    scene.environment = Some(Environment {
-        name: "outside".into(),
-        width: 2,
-        height: 1,
-        texels: vec![[1.0; 3]; 2],
-        rotation_deg: 0.0,
-        scale: 1.0,
-    });
+    scene.environment = Some(white_sky());
     scene.camera = Some(Camera { origin: Vec3::splat(0.1), target: Vec3::Y, up: Vec3::X, vfov_deg: 150.0 });
     let take = Take {
         size: [192, 192],

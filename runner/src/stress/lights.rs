@@ -8,7 +8,7 @@ use super::{
     clip::{Clip, Take, Total},
     motion,
     scenes::{self, Lamp, lamp_above_a_floor},
-    stage::{Stage, shining},
+    stage::{Stage, shining, white_sky},
     streams::ulps,
     tables,
 };
@@ -141,14 +141,7 @@ fn few_lights(backend: &Backend<'_>) -> Found {
         let most = dark.channels().fold(0.0, f32::max);
         findings.push(dark.finding(most == 0.0, format!("no light {most}")));
     }
-    stage.scene.environment = Some(Environment {
-        name: "white".into(),
-        width: 4,
-        height: 2,
-        texels: vec![[1.0; 3]; 8],
-        rotation_deg: 0.0,
-        scale: 1.0,
-    });
+    stage.scene.environment = Some(white_sky());
     let sky = Clip::new(backend, &Take::still(&stage.scene, Technique::Still, &[]))?.stills(64)?;
     // Half of the light of a white sky, whatever the direction.
     let expected = Total::exact(0.5 * 3.0 * 192.0);

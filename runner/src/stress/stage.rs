@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     render::{Backend, RenderError},
-    scene::{Camera, Instance, Material, Motion, Scene},
+    scene::{Camera, Environment, Instance, Material, Motion, Scene},
     technique::Technique,
 };
 
@@ -27,6 +27,13 @@ pub struct Stage {
 /// Radiance of a lamp that has no colour of its own.
 pub fn shining(radiance: f32) -> Material {
     Material { base_color: Vec3::ZERO, emission: Vec3::splat(radiance), ..Material::default() }
+}
+
+/// Radiance 1 from everywhere.
+pub fn white_sky() -> Environment {
+    let (width, height) = (16, 8);
+    let texels = vec![[1.0; 3]; (width * height) as usize];
+    Environment { name: "white".into(), width, height, texels, rotation_deg: 0.0, scale: 1.0 }
 }
 
 impl Stage {

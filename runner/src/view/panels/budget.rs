@@ -1,7 +1,7 @@
 //! The time budget, and what it has come to.
 
 use egui::{Slider, Ui};
-use egui_plot::{HLine, Line, Plot, PlotPoints};
+use egui_plot::{HLine, Line, PlotPoints};
 
 use crate::{budget::FRONT, view::state::State};
 
@@ -36,18 +36,9 @@ pub fn budget(ui: &mut Ui, state: &mut State) {
     let rungs: PlotPoints<'_> =
         history.iter().enumerate().map(|(i, (_, level))| [i as f64, (*level + 1) as f64 * unit]).collect();
     let limit = f64::from(state.budget_ms);
-    Plot::new("time budget")
-        .height(110.0)
-        .include_y(0.0)
-        .show_x(false)
-        .allow_zoom(false)
-        .allow_drag(false)
-        .allow_scroll(false)
-        .show_axes([false, true])
-        .legend(egui_plot::Legend::default())
-        .show(ui, |plot| {
-            plot.hline(HLine::new("budget", limit));
-            plot.line(Line::new("ms a frame", times));
-            plot.line(Line::new("rung", rungs));
-        });
+    super::frames_plot("time budget", 110.0).legend(egui_plot::Legend::default()).show(ui, |plot| {
+        plot.hline(HLine::new("budget", limit));
+        plot.line(Line::new("ms a frame", times));
+        plot.line(Line::new("rung", rungs));
+    });
 }

@@ -11,6 +11,7 @@ mod scene;
 mod timing;
 
 use egui::{CentralPanel, CollapsingHeader, Frame, Panel, RichText, ScrollArea, Ui};
+use egui_plot::Plot;
 
 use super::{input, state::State};
 use crate::technique::Technique;
@@ -21,6 +22,18 @@ const CONTROLS: f32 = 300.0;
 const NUMBERS: f32 = 310.0;
 /// Least width of the line at the bottom.
 const MARGIN: f32 = 60.0;
+
+/// A plot of numbers from zero up over the last frames, which stays as it is whatever the pointer does.
+fn frames_plot(name: &str, height: f32) -> Plot<'_> {
+    Plot::new(name)
+        .height(height)
+        .include_y(0.0)
+        .show_x(false)
+        .allow_zoom(false)
+        .allow_drag(false)
+        .allow_scroll(false)
+        .show_axes([false, true])
+}
 
 /// All of the window.
 pub fn window(ui: &mut Ui, state: &mut State) {

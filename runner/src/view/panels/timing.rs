@@ -1,7 +1,7 @@
 //! Where time and memory go.
 
 use egui::{Grid, Ui};
-use egui_plot::{Line, Plot, PlotPoints};
+use egui_plot::{Line, PlotPoints};
 
 use crate::view::state::State;
 
@@ -11,21 +11,13 @@ pub fn times(ui: &mut Ui, state: &mut State) {
     let ms = stats.smoothed_ms();
     ui.label(format!("{ms:.1} ms a frame, {:.1} frames a second", 1e3 / ms.max(1e-3)));
     let points: PlotPoints<'_> = stats.frame_ms.iter().enumerate().map(|(i, ms)| [i as f64, *ms]).collect();
-    Plot::new("frame times")
-        .height(90.0)
-        .include_y(0.0)
-        .show_x(false)
-        .allow_zoom(false)
-        .allow_drag(false)
-        .allow_scroll(false)
-        .show_axes([false, true])
-        .show(ui, |plot| {
-            plot.line(Line::new("ms a frame", points));
-            for ((pass, _), history) in stats.passes.iter().zip(&stats.pass_ms) {
-                let points: PlotPoints<'_> = history.iter().enumerate().map(|(i, ms)| [i as f64, *ms]).collect();
-                plot.line(Line::new(*pass, points));
-            }
-        });
+    super::frames_plot("frame times", 90.0).show(ui, |plot| {
+        plot.line(Line::new("ms a frame", points));
+        for ((pass, _), history) in stats.passes.iter().zip(&stats.pass_ms) {
+            let points: PlotPoints<'_> = history.iter().enumerate().map(|(i, ms)| [i as f64, *ms]).collect();
+            plot.line(Line::new(*pass, points));
+        }
+    });
     if let Some(frames) = &state.frames {
         let [width, height] = frames.shown.size;
         let rays = f64::from(frames.rays) * f64::from(width) * f64::from(height);
