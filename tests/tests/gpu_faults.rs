@@ -2,6 +2,8 @@
 //!
 //! `.ci/run` runs these and the tests of agreement once more under Vulkan's validation layer.
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use bytemuck::cast_slice;
 use weir::{
     executor::gpu::{AdapterChoice, Gpu, GpuError, GpuExecutor, Loader, Module},
@@ -85,6 +87,32 @@ fn a_device_that_is_lost_on_the_way_is_an_error_and_the_next_one_draws_the_same(
     let fresh = Gpu::open(&AdapterChoice::Best).expect("the adapter is there");
     let again = render(&packed, &request, &Backend::Gpu(&fresh), |_| true).expect("a picture").display;
     assert_eq!(again, expected);
+}
+
+/// Whichever thread's wait answers for the other, neither loses its buffers.
+#[test]
+fn threads_that_share_a_device_do_not_disturb_each_other() {
+    let Some(gpu) = gpu_or_skip("threads_that_share_a_device_do_not_disturb_each_other") else { return };
+    let scene = variety();
+    let packed = PackedScene::new(&scene, 0.0).expect("packs");
+    let mut request = request(&scene.camera.expect("a camera"), [4, 4], Technique::Candidates, &[]);
+    request.stop = Stop::Samples(1500);
+    let draw = || render(&packed, &request, &Backend::Gpu(&gpu), |_| true).map(|rendered| rendered.display);
+    let expected = draw().expect("a picture");
+    let is_done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        // Answers are taken by whoever asks first.
+        for _ in 0..4 {
+            scope.spawn(|| {
+                while !is_done.load(Ordering::Relaxed) {
+                    gpu.device.poll(wgpu::PollType::Poll).expect("the device answers");
+                }
+            });
+        }
+        let seen = draw();
+        is_done.store(true, Ordering::Relaxed);
+        assert_eq!(seen.expect("a picture"), expected);
+    });
 }
 
 /// A deliberate mistake, by which `.ci/run` knows that the validation layer is at work.

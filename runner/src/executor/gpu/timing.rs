@@ -62,7 +62,14 @@ impl Timer {
 
     /// Once the frame is done: the times of its passes.
     pub(super) fn collect(&mut self, gpu: &Gpu) -> Option<Vec<Duration>> {
-        self.mapped.take()?.try_recv().ok()?.ok()?;
+        // Another thread's wait may be the one that answers, a moment later.
+        match self.mapped.take()?.recv_timeout(gpu.patience) {
+            Ok(mapped) => mapped.ok()?,
+            Err(_) => {
+                self.readable.unmap();
+                return None;
+            }
+        }
         let view = self.readable.get_mapped_range(..).ok()?;
         let ticks: Vec<u64> = bytemuck::pod_collect_to_vec(&view);
         drop(view);
