@@ -8,6 +8,7 @@ mod open;
 mod pixel;
 mod render;
 mod stress;
+#[cfg(feature = "window")]
 mod view;
 
 use std::{fmt::Write as _, io::Write as _, path::PathBuf};
@@ -35,8 +36,9 @@ pub struct Arguments {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Open a window on a scene: fly through it, move its lights, change every knob
+    #[cfg(feature = "window")]
     #[command(after_long_help = knobs())]
-    View(ViewArguments),
+    View(view::ViewArguments),
     /// Draw a picture: .png (tone-mapped) or .exr (linear, with layers)
     #[command(after_long_help = knobs())]
     Render(RenderArguments),
@@ -248,40 +250,6 @@ struct PixelArguments {
     integrator: Integrator,
 }
 
-#[derive(Debug, Args)]
-struct ViewArguments {
-    #[command(flatten)]
-    scene: SceneArguments,
-    #[command(flatten)]
-    backend: BackendArguments,
-    /// Size of the window, in pixels
-    #[arg(long, value_name = "WxH", default_value = "1280x720")]
-    size: Size,
-    /// Pixels of the picture to one of the window, in each direction; 1 on a GPU, 0.25 on the CPU
-    #[arg(long, value_name = "FACTOR")]
-    scale: Option<f32>,
-    /// Small lights at random places, up to a million
-    #[arg(long, value_name = "N", default_value_t = 0,
-          value_parser = clap::value_parser!(u32).range(0..=i64::from(weir::view::lights::MOST)))]
-    added_lights: u32,
-    /// Seed of all random numbers
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    seed: u32,
-    /// End after so many pictures, or when the picture is good enough
-    #[arg(long, value_name = "N")]
-    frames: Option<u32>,
-    /// What the window shows at the end of `--frames`, as PNG
-    #[arg(long, value_name = "FILE", requires = "frames")]
-    screenshot: Option<PathBuf>,
-    /// Every picture as PNG into this folder; the animation takes a thirtieth of a second from one to the next
-    #[arg(long, value_name = "DIR")]
-    record: Option<PathBuf>,
-    /// Events from a file in place of a person's: `key F1`, `drag left 40 -10`, `press NAME`, `resize 640 480`,
-    /// `drop FILE`, `wait FRAMES`, `screenshot FILE`, `quit`
-    #[arg(long, value_name = "FILE")]
-    script: Option<PathBuf>,
-}
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Integrator {
     /// Independent frames, each with resampled candidates and spatial reuse
@@ -386,8 +354,10 @@ fn print(text: &str) -> anyhow::Result<()> {
 /// Runs the command.
 pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
     match &arguments.command {
+        #[cfg(feature = "window")]
         None if weir::view::app::has_display() => view::default_scene(),
         None => render::default_scene(),
+        #[cfg(feature = "window")]
         Some(Command::View(arguments)) => view::run(arguments),
         Some(Command::Pixel(arguments)) => pixel::run(arguments),
         Some(Command::Render(arguments)) => render::run(arguments),

@@ -14,6 +14,7 @@ use crate::packed::PackError;
 use crate::render::RenderError;
 use crate::scene::{error::SceneError, export::ExportError};
 use crate::settings::SettingError;
+#[cfg(feature = "window")]
 use crate::view::{app::ViewError, script::ScriptError};
 
 /// The exit codes of `weir`. 64 and above are those of BSD's `sysexits.h`, so that batch systems can act on them.
@@ -130,7 +131,9 @@ const KNOWN: &[fn(&(dyn Error + 'static)) -> Option<Exit>] = &[
     exit_of::<OutputError>,
     exit_of::<ReadError>,
     exit_of::<ExportError>,
+    #[cfg(feature = "window")]
     exit_of::<ScriptError>,
+    #[cfg(feature = "window")]
     exit_of::<ViewError>,
     exit_of::<io::Error>,
 ];

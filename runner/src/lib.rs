@@ -18,4 +18,5 @@ pub mod settings;
 pub mod shaders;
 pub mod stress;
 pub mod technique;
+#[cfg(feature = "window")]
 pub mod view;

@@ -1,6 +1,6 @@
 //! Helpers shared by the integration tests.
 
-use std::io::Write as _;
+use std::{io::Write as _, sync::OnceLock};
 
 pub use weir::stress::{scenes, statistics};
 use weir::{
@@ -11,12 +11,29 @@ use weir::{
     technique::{Technique, ToneCurve},
 };
 
-/// The GPU that tests run on; without one, says so and returns nothing.
+/// The GPU that the tests of a program share, with all that it has compiled; without one, says so and returns nothing.
 ///
 /// # Panics
 /// If `REQUIRE_GPU=1` and no adapter answers: a skipped test must not pass for a run one there.
 pub fn gpu_or_skip(test: &str) -> Option<Gpu> {
-    match Gpu::open(&AdapterChoice::Best) {
+    static SHARED: OnceLock<Result<Gpu, String>> = OnceLock::new();
+    found(test, SHARED.get_or_init(open).clone())
+}
+
+/// As [`gpu_or_skip`], for a test that spoils it.
+///
+/// # Panics
+/// As [`gpu_or_skip`].
+pub fn own_gpu_or_skip(test: &str) -> Option<Gpu> {
+    found(test, open())
+}
+
+fn open() -> Result<Gpu, String> {
+    Gpu::open(&AdapterChoice::Best).map_err(|error| error.to_string())
+}
+
+fn found(test: &str, opened: Result<Gpu, String>) -> Option<Gpu> {
+    match opened {
         Ok(gpu) => Some(gpu),
         Err(error) if std::env::var("REQUIRE_GPU").is_ok_and(|v| v == "1") => panic!("{test}: {error}"),
         Err(error) => {

@@ -25,7 +25,7 @@ use weir_shared::{
     frame::{Frame, FramePair},
     moments::Moments,
 };
-use weir_tests::{gpu_or_skip, request, scenes, skipped};
+use weir_tests::{gpu_or_skip, own_gpu_or_skip, request, scenes, skipped};
 
 const WIDTH: u32 = 61;
 const HEIGHT: u32 = 43;
@@ -324,7 +324,7 @@ fn a_moved_scene_draws_the_same_whether_it_is_updated_or_uploaded_anew() {
 #[test]
 fn losing_the_gpu_between_frames_is_an_error_and_a_new_one_can_be_opened() {
     let name = "losing_the_gpu_between_frames_is_an_error_and_a_new_one_can_be_opened";
-    let Some(gpu) = gpu_or_skip(name) else { return };
+    let Some(gpu) = own_gpu_or_skip(name) else { return };
     let case = plain_case();
     let plan = case.plan(&["display"]);
     let mut executor = case.on_gpu(&gpu, &plan, Loader::Auto, Module::Plain);

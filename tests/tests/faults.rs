@@ -1,10 +1,8 @@
 //! Weights that can't be used are dropped where they appear, counted, and spread nowhere.
 
-use std::sync::OnceLock;
-
 use glam::{Mat4, Vec3};
 use weir::{
-    executor::{cpu::Order, gpu::Gpu},
+    executor::cpu::Order,
     faults::Faults,
     packed::PackedScene,
     render::{Backend, Rendered, Stop, render, render_real_time},
@@ -21,8 +19,7 @@ const TIERS: [&str; 3] = ["rays=speed", "rays=balanced", "rays=quality"];
 
 /// A still and a picture of the real-time chain of some frames, on every executor; says which it is.
 fn on_each_executor(scene: &Scene, knobs: &[&str], mut check: impl FnMut(&str, &Rendered)) {
-    static GPU: OnceLock<Option<Gpu>> = OnceLock::new();
-    let gpu = GPU.get_or_init(|| gpu_or_skip("faults"));
+    let gpu = gpu_or_skip("faults");
     let backends = [Some(Backend::Cpu(Order::default())), gpu.as_ref().map(Backend::Gpu)];
     for backend in backends.iter().flatten() {
         for technique in [Technique::Still, Technique::RealTime] {

@@ -179,7 +179,7 @@ pub(super) fn measure(
         for (index, method) in methods.iter().enumerate() {
             let request = crate::render::Request { seed, ..target.request(method) };
             let facts = facts_of(&target.packed, target.width, target.height, &method.settings);
-            let outputs = &["moments", "display"];
+            let outputs = &["moments"];
             let plan = direct_light(method.technique, &method.settings, &facts, ToneCurve::default(), outputs)?;
             let scene = target.packed.buffers();
             let executor = Executor::new(backend, &plan, scene)?;

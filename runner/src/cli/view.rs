@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use anyhow::Context;
-use clap::Parser;
+use clap::{Args, Parser};
 use weir::{
     exit::{Exit, Usage},
     view::{
@@ -14,7 +14,41 @@ use weir::{
     },
 };
 
-use super::{Arguments, BackendChoice, Command, ViewArguments, open};
+use super::{Arguments, BackendArguments, BackendChoice, Command, SceneArguments, Size, open};
+
+#[derive(Debug, Args)]
+pub struct ViewArguments {
+    #[command(flatten)]
+    scene: SceneArguments,
+    #[command(flatten)]
+    backend: BackendArguments,
+    /// Size of the window, in pixels
+    #[arg(long, value_name = "WxH", default_value = "1280x720")]
+    size: Size,
+    /// Pixels of the picture to one of the window, in each direction; 1 on a GPU, 0.25 on the CPU
+    #[arg(long, value_name = "FACTOR")]
+    scale: Option<f32>,
+    /// Small lights at random places, up to a million
+    #[arg(long, value_name = "N", default_value_t = 0,
+          value_parser = clap::value_parser!(u32).range(0..=i64::from(weir::view::lights::MOST)))]
+    added_lights: u32,
+    /// Seed of all random numbers
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u32,
+    /// End after so many pictures, or when the picture is good enough
+    #[arg(long, value_name = "N")]
+    frames: Option<u32>,
+    /// What the window shows at the end of `--frames`, as PNG
+    #[arg(long, value_name = "FILE", requires = "frames")]
+    screenshot: Option<PathBuf>,
+    /// Every picture as PNG into this folder; the animation takes a thirtieth of a second from one to the next
+    #[arg(long, value_name = "DIR")]
+    record: Option<PathBuf>,
+    /// Events from a file in place of a person's: `key F1`, `drag left 40 -10`, `press NAME`, `resize 640 480`,
+    /// `drop FILE`, `wait FRAMES`, `screenshot FILE`, `quit`
+    #[arg(long, value_name = "FILE")]
+    script: Option<PathBuf>,
+}
 
 /// The default scene in a window.
 pub fn default_scene() -> anyhow::Result<Exit> {

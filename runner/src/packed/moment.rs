@@ -125,6 +125,12 @@ impl PackedScene {
         self.dynamics.drawn.get(drawn as usize).copied()
     }
 
+    /// Origin of the object space of buffers and passes, for an instance of the scene, in that of the scene's mesh: zero
+    /// unless both are far from their own.
+    pub fn object_origin(&self, instance: u32) -> Vec3 {
+        self.origins.of_mesh(instance)
+    }
+
     /// Goes on to another moment; returns what has changed, nothing if that is the moment shown already. What was shown
     /// before stays in the other block, where the uniform of the frame before finds it.
     ///

@@ -57,13 +57,20 @@ impl Origin {
         (Cow::Owned(moved), origin)
     }
 
+    /// Origin of the packed mesh of an instance in the space of the scene's mesh.
+    pub(super) fn of_mesh(&self, instance: u32) -> Vec3 {
+        let mesh = self.meshes.get(instance as usize).and_then(|mesh| self.of_meshes.get(*mesh as usize));
+        mesh.copied().unwrap_or_default()
+    }
+
     /// A placement of an instance, from object to world space of the passes.
     fn place(&self, instance: u32, world_from_object: Mat4) -> Mat4 {
-        let mesh = self.meshes.get(instance as usize).and_then(|mesh| self.of_meshes.get(*mesh as usize));
-        let Some(of_mesh) = mesh else { return world_from_object };
+        if self.of_scene == Vec3::ZERO {
+            return world_from_object;
+        }
         // In f64: what is left is the difference of large numbers.
         let shift = |v: Vec3| DMat4::from_translation(v.as_dvec3());
-        (shift(-self.of_scene) * world_from_object.as_dmat4() * shift(*of_mesh)).as_mat4()
+        (shift(-self.of_scene) * world_from_object.as_dmat4() * shift(self.of_mesh(instance))).as_mat4()
     }
 
     /// A moment in world space of the passes.

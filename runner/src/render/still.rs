@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use glam::Vec3;
+use rayon::prelude::*;
 use weir_shared::{
     frame::{Frame, FramePair},
     moments::Moments,
@@ -137,11 +138,15 @@ impl Outcome {
             self.moments.iter().map(|m| std::array::from_fn(|c| f(m, c) as f32)).collect()
         };
         let variance = of(&|m, c| if self.frames < 2 { 0.0 } else { m.deviation[c] / (n * (n - 1.0)) });
+        let rgb = of(&|m, c| m.mean[c]);
+        // Once, and not in a pass after every frame: nobody sees those in between.
+        let display =
+            rgb.par_iter().map(|&rgb| display_of(Vec3::from(rgb) * request.exposure, request.curve)).collect();
         Rendered {
-            picture: Picture { width: request.width, height: request.height, rgb: of(&|m, c| m.mean[c]), alpha: None },
+            picture: Picture { width: request.width, height: request.height, rgb, alpha: None },
             margin: self.batches.margin(self.frames, &self.moments),
             variance,
-            display: Vec::new(),
+            display,
             samples: self.frames,
             elapsed: self.elapsed,
             pass_times: Vec::new(),
@@ -214,15 +219,14 @@ pub fn render(
     progress: impl FnMut(u32) -> bool,
 ) -> Result<Rendered, RenderError> {
     let facts = facts_of(packed, request.width, request.height, &request.settings);
-    let plan = direct_light(request.technique, &request.settings, &facts, request.curve, &["moments", "display"])?;
+    let plan = direct_light(request.technique, &request.settings, &facts, request.curve, &["moments"])?;
     let scene = packed.buffers();
     let executor = Executor::new(backend, &plan, scene)?;
     let mut passes = Passes { executor, plan, scene, frame: frame_of(packed, request), pass_times: Vec::new() };
     let outcome = average(&mut passes, request, progress)?;
-    let display = passes.executor.read(&passes.plan, "display")?.elements().to_vec();
     let pass_times = passes.executor.last_times(passes.pass_times);
     let faults = Faults::of(passes.executor.read(&passes.plan, "moments")?.elements());
-    Ok(Rendered { display, pass_times, faults, ..outcome.rendered(request) })
+    Ok(Rendered { pass_times, faults, ..outcome.rendered(request) })
 }
 
 /// Samples by the reference integrator.
@@ -275,12 +279,8 @@ pub fn render_reference(
     let estimates = vec![Estimate::default(); (request.width * request.height) as usize];
     let mut paths = Paths { reference, estimates, block: 0 };
     let outcome = average(&mut paths, request, progress)?;
-    let exposed = |e: &Estimate| e.mean.as_vec3() * request.exposure;
-    Ok(Rendered {
-        display: paths.estimates.iter().map(|e| display_of(exposed(e), request.curve)).collect(),
-        faults: Faults { samples: paths.estimates.iter().map(|e| e.dropped).sum(), ..Faults::default() },
-        ..outcome.rendered(request)
-    })
+    let faults = Faults { samples: paths.estimates.iter().map(|e| e.dropped).sum(), ..Faults::default() };
+    Ok(Rendered { faults, ..outcome.rendered(request) })
 }
 
 /// Exposed radiance as 8-bit sRGB.

@@ -69,15 +69,19 @@ fn bits(point: Vec3) -> [u32; 3] {
     point.to_array().map(|x| (x + 0.0).to_bits())
 }
 
-/// Makes the light that holds the given triangle (in object space) of an instance an instance of its own, unless it is
-/// one; returns which, or nothing if the triangle is no light. A light is what hangs together of emissive triangles.
-pub fn detach(scene: &mut Scene, instance: u32, corners: [Vec3; 3]) -> Option<u32> {
+/// Makes the light that holds the given triangle of an instance an instance of its own, unless it is one; returns which,
+/// or nothing if the triangle is no light. A light is what hangs together of emissive triangles.
+///
+/// `corners` are in object space as it is packed, that of the mesh less `origin` (`PackedScene::object_origin`).
+pub fn detach(scene: &mut Scene, instance: u32, corners: [Vec3; 3], origin: Vec3) -> Option<u32> {
     let placement = scene.instances.get(instance as usize)?.clone();
     let mesh = &scene.meshes[placement.mesh as usize];
     let emits = |triangle: usize| scene.materials[mesh.materials[triangle] as usize].is_emissive();
     let points = |triangle: usize| mesh.triangles[triangle].map(|v| bits(mesh.positions[v as usize]));
     let wanted = corners.map(bits);
-    let first = (0..mesh.triangles.len()).find(|&t| emits(t) && points(t) == wanted)?;
+    // By the subtraction that the packed corners come from: added, the origin would be off by roundings.
+    let packed = |triangle: usize| mesh.triangles[triangle].map(|v| bits(mesh.positions[v as usize] - origin));
+    let first = (0..mesh.triangles.len()).find(|&t| emits(t) && packed(t) == wanted)?;
 
     let mut at_point: HashMap<[u32; 3], Vec<usize>> = HashMap::new();
     for triangle in (0..mesh.triangles.len()).filter(|&t| emits(t)) {
@@ -208,7 +212,7 @@ mod tests {
         let (all, lit) = (scene.triangle_count(), scene.emissive_triangle_count());
         let instance = lit_instance(&scene);
         let corners = lit_triangle(&scene, instance);
-        let light = detach(&mut scene, instance, corners).expect("a light");
+        let light = detach(&mut scene, instance, corners, Vec3::ZERO).expect("a light");
         scene.validate().expect("still a scene");
         assert_eq!((scene.triangle_count(), scene.emissive_triangle_count()), (all, lit));
         let mesh = &scene.meshes[scene.instances[light as usize].mesh as usize];
@@ -216,7 +220,7 @@ mod tests {
         assert!(mesh.materials.iter().all(|m| scene.materials[*m as usize].is_emissive()));
         // Once it is an instance of its own, it stays one.
         let count = scene.instances.len();
-        assert_eq!(detach(&mut scene, light, corners), Some(light));
+        assert_eq!(detach(&mut scene, light, corners, Vec3::ZERO), Some(light));
         assert_eq!(scene.instances.len(), count);
     }
 
@@ -226,8 +230,8 @@ mod tests {
         let mesh = &scene.meshes[0];
         let dark = (0..mesh.triangles.len()).find(|&t| !scene.materials[mesh.materials[t] as usize].is_emissive());
         let corners = mesh.triangles[dark.expect("a wall")].map(|v| mesh.positions[v as usize]);
-        assert_eq!(detach(&mut scene, 0, corners), None);
-        assert_eq!(detach(&mut scene, 99, corners), None);
+        assert_eq!(detach(&mut scene, 0, corners, Vec3::ZERO), None);
+        assert_eq!(detach(&mut scene, 99, corners, Vec3::ZERO), None);
     }
 
     #[test]

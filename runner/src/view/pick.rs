@@ -20,7 +20,7 @@ pub struct Picked {
     pub position: Vec3,
     /// The instance of the scene.
     pub instance: u32,
-    /// Corners of the triangle, in the space of its mesh.
+    /// Corners of the triangle, in the packed space of its mesh (`PackedScene::object_origin`).
     pub corners_object: [Vec3; 3],
     /// Whether it is a light.
     pub emits: bool,

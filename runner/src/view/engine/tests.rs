@@ -156,6 +156,23 @@ fn every_view_shows_something_in_both_techniques() {
 }
 
 #[test]
+fn a_light_is_found_and_taken_far_from_the_origin_too() {
+    let mut scene = (builtin::find("cornell").expect("built in").build)();
+    let size = scene.bounds().expect("it has triangles").size().max_element();
+    let far = Vec3::new(1000.3, 0.1, -333.3) * size;
+    scene.meshes.iter_mut().flat_map(|mesh| &mut mesh.positions).for_each(|position| *position += far);
+    let camera = scene.camera.as_mut().expect("it has one");
+    camera.origin += far;
+    camera.target += far;
+    let mut engine = Engine::new(scene, None).expect("it fits");
+    let want = want(&engine);
+    let mut pixels = (0..18 * 24).map(|i| UVec2::new(i % 24, i / 24));
+    let lamp =
+        pixels.find_map(|px| engine.pick(&want, px).filter(|picked| picked.emits)).expect("the lamp is in sight");
+    assert!(engine.take_light(&lamp, &want).expect("it fits").is_some());
+}
+
+#[test]
 fn added_lights_shine_and_go_away_again() {
     let mut engine = cornell();
     let lights = engine.facts().lights;
