@@ -26,6 +26,7 @@ use crate::{
 
 pub use crate::executor::{Backend, Executor};
 pub use layers::{camera_matrices, layers};
+#[cfg(feature = "window")]
 pub(crate) use still::pixel_moments;
 pub use still::{display_of, render, render_reference};
 use stop::Clock;

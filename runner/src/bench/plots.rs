@@ -48,6 +48,13 @@ fn color(index: usize) -> RGBColor {
     RGBColor(r, g, b)
 }
 
+/// A logarithmic axis that shows at least `low` to `high`. Only powers of ten have labels there, so one has to be on it.
+fn axis(low: f64, high: f64) -> std::ops::Range<f64> {
+    let (below, above) = (low.log10().floor(), high.log10().ceil());
+    let has_label = above - below > 1.0 || low.log10() == below || high.log10() == above;
+    if has_label { low..high } else { 10f64.powf(below)..10f64.powf(above) }
+}
+
 /// A plot with logarithmic axes; an empty text if there is nothing that it can show.
 fn log_log(axes: &Axes<'_>, series: &[Series]) -> String {
     let usable = |p: &[f64; 4]| p[0] > 0.0 && p[1] > 0.0 && p[0].is_finite() && p[1].is_finite();
@@ -58,7 +65,7 @@ fn log_log(axes: &Axes<'_>, series: &[Series]) -> String {
     let range = |i: usize| {
         let low = all.iter().map(|p| p[i]).fold(f64::INFINITY, f64::min);
         let high = all.iter().map(|p| p[i]).fold(0.0, f64::max);
-        (low / 1.4)..(high * 1.4)
+        axis(low / 1.4, high * 1.4)
     };
     let mut svg = String::new();
     let drawn = (|| -> Result<(), Box<dyn std::error::Error>> {
@@ -190,5 +197,13 @@ mod tests {
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{svg}");
         assert!(svg.contains("real time") && !svg.contains("NaN") && !svg.contains("inf"));
         assert_eq!(cost_of_lights(&[]), "");
+    }
+
+    #[test]
+    fn an_axis_has_a_power_of_ten_on_it() {
+        assert_eq!(axis(118.0, 980.0), 100.0..1000.0);
+        assert_eq!(axis(0.021, 0.09), 0.01..0.1);
+        assert_eq!(axis(0.5, 6.0), 0.5..6.0);
+        assert_eq!(axis(100.0, 980.0), 100.0..980.0);
     }
 }
