@@ -6,7 +6,6 @@ that of all samples but one: what a picture of one sample takes as well, to load
 taken off.
 """
 
-import argparse
 import os
 import sys
 import time
@@ -117,13 +116,9 @@ def seconds_of(scene, samples):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("obj")
-    parser.add_argument("camera")
-    parser.add_argument("output")
-    parser.add_argument("--spp", type=int, default=64)
-    parser.add_argument("--size", type=exported.size, default=(320, 180))
-    arguments = parser.parse_args()
+    arguments = exported.parser(__doc__).parse_args()
+    if arguments.spp < 2:
+        raise SystemExit("--spp takes 2 or more: the time is that of all samples but one")
 
     bpy.ops.wm.read_factory_settings(use_empty=True)
     # Only the time goes to the standard output; Blender's own messages go where errors go.

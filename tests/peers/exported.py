@@ -1,5 +1,6 @@
 """What `weir export --lambert --flat` writes: an OBJ with its MTL, and a camera."""
 
+import argparse
 import json
 import os
 
@@ -50,6 +51,17 @@ def read_camera(path):
     """origin, target, up, and vfov_deg."""
     with open(path, encoding="utf-8") as file:
         return json.load(file)
+
+
+def parser(description):
+    """Of the command line of a script that draws an export."""
+    parsed = argparse.ArgumentParser(description=description)
+    parsed.add_argument("obj")
+    parsed.add_argument("camera")
+    parsed.add_argument("output")
+    parsed.add_argument("--spp", type=int, default=64, help="samples a pixel")
+    parsed.add_argument("--size", type=size, default=(320, 180), help="WxH in pixels")
+    return parsed
 
 
 def size(text):

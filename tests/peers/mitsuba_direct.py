@@ -4,7 +4,6 @@ Every surface is diffuse with Kd or map_Kd and has its geometric normal; emissio
 first picture with one sample, which is not counted, compiles the kernels.
 """
 
-import argparse
 import time
 
 import numpy as np
@@ -61,12 +60,7 @@ def scene_of(mi, arguments):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("obj")
-    parser.add_argument("camera")
-    parser.add_argument("output")
-    parser.add_argument("--spp", type=int, default=64)
-    parser.add_argument("--size", type=exported.size, default=(320, 180))
+    parser = exported.parser(__doc__)
     parser.add_argument("--variant", default="llvm_ad_rgb")
     arguments = parser.parse_args()
     import mitsuba as mi
