@@ -172,6 +172,9 @@ fn a_run_leaves_results_that_can_be_compared_and_a_report() {
     assert!(run.stderr.contains("reference"));
     let found = results(&desk, "one/results.json");
     let scene = &found.scenes[0];
+    // Results are passed on: they name files, and say nothing of where the machine keeps them.
+    let reference = &scene.reference.file;
+    assert!(reference.starts_with("cornell-32x18-") && reference.ends_with(".exr") && !reference.contains('/'));
     assert_eq!(
         scene.methods.iter().map(|m| m.name.as_str()).collect::<Vec<_>>(),
         ["power", "still:fast", "chain:fast"]

@@ -102,7 +102,7 @@ impl Judge {
             samples,
             rel_mse: noise_rel_mse(&picture, variance),
             mean_error: if mean > 0.0 { mean_variance.sqrt() / mean } else { 0.0 },
-            file: file.display().to_string(),
+            file: file.file_name().unwrap_or_default().to_string_lossy().into_owned(),
         };
         Self { picture, weights, mean, facts }
     }

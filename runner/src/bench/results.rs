@@ -84,7 +84,7 @@ pub struct ReferenceFacts {
     pub rel_mse: f64,
     /// Standard error of its mean, as a share of it.
     pub mean_error: f64,
-    /// Where it lies.
+    /// Name of its file. Not its folder, which is the machine's own affair.
     pub file: String,
 }
 
