@@ -15,11 +15,11 @@ use weir::{
     executor::cpu::CpuExecutor,
     graph::Plan,
     packed::PackedScene,
-    render::{Request, Stop, facts_of, frame_of},
+    render::{Request, facts_of, frame_of},
     scene::{Material, Scene, builtin},
     sequence::Sequence,
     settings::Settings,
-    technique::{Technique, ToneCurve, direct_light},
+    technique::{Technique, direct_light},
 };
 use weir_shared::{
     frame::{Frame, FramePair},
@@ -63,17 +63,8 @@ fn request(scene: &Scene, technique: Technique, knobs: &[&str]) -> Result<Reques
         settings.apply(knob)?;
     }
     settings.check()?;
-    Ok(Request {
-        width: 320,
-        height: 180,
-        camera: scene.camera.ok_or("the park suggests no camera")?,
-        seed: 1,
-        stop: Stop::Samples(1),
-        curve: ToneCurve::default(),
-        exposure: 1.0,
-        technique,
-        settings,
-    })
+    let camera = scene.camera.ok_or("the park suggests no camera")?;
+    Ok(Request { seed: 1, ..Request::new(camera, [320, 180], technique, settings) })
 }
 
 /// Where the next uniform comes from.

@@ -9,10 +9,10 @@ use divan::{Bencher, black_box, counter::ItemsCount};
 use glam::UVec2;
 use weir::{
     packed::PackedScene,
-    render::{Request, Stop, frame_of},
+    render::{Request, frame_of},
     scene::builtin,
     settings::Settings,
-    technique::{Technique, ToneCurve},
+    technique::Technique,
 };
 use weir_shared::{
     alias,
@@ -55,17 +55,8 @@ struct World {
 static WORLD: LazyLock<World> = LazyLock::new(|| {
     let scene = (builtin::find("rooms").expect("it is built in").build)();
     let packed = PackedScene::new(&scene, 0.0).expect("it has lights and inverses");
-    let request = Request {
-        width: WIDTH,
-        height: HEIGHT,
-        camera: scene.camera.expect("it has one"),
-        seed: 0,
-        stop: Stop::Samples(1),
-        curve: ToneCurve::default(),
-        exposure: 1.0,
-        technique: Technique::Candidates,
-        settings: Settings::default(),
-    };
+    let camera = scene.camera.expect("it has one");
+    let request = Request::new(camera, [WIDTH, HEIGHT], Technique::Candidates, Settings::default());
     let frame = frame_of(&packed, &request);
     let view = SceneView { triangles: &packed.triangles, records: &packed.records, texels: &packed.texels };
     let camera: Vec<Ray> = (0..WIDTH * HEIGHT).map(|i| camera_ray(UVec2::new(i % WIDTH, i / WIDTH), &frame)).collect();
@@ -152,9 +143,20 @@ fn target_of_a_light_point(bencher: Bencher) {
     each(bencher, &pairs, |(domain, point)| domain.target::<false, true>(point));
 }
 
+/// A number with the name that the table shows.
+struct Named(&'static str, u32);
+
+impl std::fmt::Display for Named {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(self.0)
+    }
+}
+
 /// Lights picked by power, evaluated, and resampled to one.
-#[divan::bench(args = [choice::THRESHOLD, choice::PLAIN, choice::KEYS])]
-fn stream_of_32_candidates(bencher: Bencher, way: u32) {
+#[divan::bench(args = [
+    Named("threshold", choice::THRESHOLD), Named("plain", choice::PLAIN), Named("keys", choice::KEYS),
+])]
+fn stream_of_32_candidates(bencher: Bencher, &Named(_, way): &Named) {
     let (world, view) = (&*WORLD, WORLD.view());
     let mut rng = Rng::from_words(1, 2, 3, 0);
     each(bencher, &world.domains(), |domain| {
@@ -230,9 +232,11 @@ impl Sink<f32, LightPoint, f32> for Keeper {
 
 /// Six inputs by each form of weights; targets are evaluated, light points are at hand.
 #[divan::bench(args = [
-    form::PAIRWISE_DEFENSIVE, form::PAIRWISE, form::BALANCE, form::CONTRIBUTION, form::ONE_OVER_Z, form::ONE_OVER_M,
+    Named("pairwise-defensive", form::PAIRWISE_DEFENSIVE), Named("pairwise", form::PAIRWISE),
+    Named("balance", form::BALANCE), Named("contribution", form::CONTRIBUTION),
+    Named("one-over-z", form::ONE_OVER_Z), Named("one-over-m", form::ONE_OVER_M),
 ])]
-fn merge_of_6_inputs(bencher: Bencher, form: u32) {
+fn merge_of_6_inputs(bencher: Bencher, &Named(_, form): &Named) {
     let domains = WORLD.domains();
     let inputs: Vec<Neighbours<'_>> = domains
         .chunks_exact(INPUTS)

@@ -10,10 +10,10 @@ use glam::UVec2;
 use rayon::prelude::*;
 use weir::{
     packed::PackedScene,
-    render::{Request, Stop, frame_of},
+    render::{Request, frame_of},
     scene::{Camera, builtin, camera, load},
     settings::Settings,
-    technique::{Technique, ToneCurve},
+    technique::Technique,
 };
 use weir_shader::wiring::Feature;
 use weir_shared::{
@@ -45,17 +45,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         (None, None) => Camera::framing(scene.bounds().ok_or("the scene is empty")?),
     };
     let packed = PackedScene::new(&scene, 0.0)?;
-    let request = Request {
-        width: WIDTH,
-        height: HEIGHT,
-        camera: view,
-        seed: 0,
-        stop: Stop::Samples(1),
-        curve: ToneCurve::default(),
-        exposure: 1.0,
-        technique: Technique::Candidates,
-        settings: Settings::default(),
-    };
+    let request = Request::new(view, [WIDTH, HEIGHT], Technique::Candidates, Settings::default());
     let frame = frame_of(&packed, &request);
     println!("{name}: {WIDTH}x{HEIGHT} rays, {} threads", rayon::current_num_threads());
     if packed.features.contains(&Feature::INSTANCES) {

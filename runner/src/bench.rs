@@ -26,9 +26,9 @@ use crate::{
     exit::{Exit, HasExit},
     output::{Destination, OutputError, atomic},
     packed::{PackError, PackedScene},
-    render::{Backend, RenderError, Request, Stop},
+    render::{Backend, RenderError, Request},
     scene::{Camera, Scene},
-    technique::{Technique, ToneCurve},
+    technique::Technique,
 };
 use judge::Judge;
 use methods::{ABLATION, Method, MethodError, UNIT};
@@ -78,17 +78,7 @@ pub struct Target {
 
 impl Target {
     fn request(&self, method: &Method) -> Request {
-        Request {
-            width: self.width,
-            height: self.height,
-            camera: self.camera,
-            seed: 0,
-            stop: Stop::Samples(1),
-            curve: ToneCurve::default(),
-            exposure: 1.0,
-            technique: method.technique,
-            settings: method.settings.clone(),
-        }
+        Request::new(self.camera, [self.width, self.height], method.technique, method.settings.clone())
     }
 
     /// A copy for a chain, which moves it.

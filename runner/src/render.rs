@@ -55,6 +55,14 @@ pub struct Request {
     pub settings: Settings,
 }
 
+impl Request {
+    /// One sample of a picture of `[width, height]` pixels, by seed 0, the default tone curve and exposure 1.
+    pub fn new(camera: Camera, [width, height]: [u32; 2], technique: Technique, settings: Settings) -> Self {
+        let (stop, curve) = (Stop::Samples(1), ToneCurve::default());
+        Self { width, height, camera, seed: 0, stop, curve, exposure: 1.0, technique, settings }
+    }
+}
+
 /// A picture, and what it took.
 pub struct Rendered {
     /// Linear mean radiance.

@@ -5,10 +5,10 @@ use std::{io::Write as _, sync::OnceLock};
 pub use weir::stress::{scenes, statistics};
 use weir::{
     executor::gpu::{AdapterChoice, Gpu},
-    render::{Request, Stop},
+    render::Request,
     scene::Camera,
     settings::Settings,
-    technique::{Technique, ToneCurve},
+    technique::Technique,
 };
 
 /// The GPU that the tests of a program share, with all that it has compiled; without one, says so and returns nothing.
@@ -53,21 +53,11 @@ pub fn skipped(test: &str, why: &str) {
 ///
 /// # Panics
 /// If a knob does not exist or the knobs exclude each other.
-pub fn request(camera: &Camera, [width, height]: [u32; 2], technique: Technique, knobs: &[&str]) -> Request {
+pub fn request(camera: &Camera, size: [u32; 2], technique: Technique, knobs: &[&str]) -> Request {
     let mut settings = Settings::default();
     for knob in knobs {
         settings.apply(knob).expect("a knob");
     }
     settings.check().expect("knobs that go together");
-    Request {
-        width,
-        height,
-        camera: *camera,
-        seed: 7,
-        stop: Stop::Samples(1),
-        curve: ToneCurve::default(),
-        exposure: 1.0,
-        technique,
-        settings,
-    }
+    Request { seed: 7, ..Request::new(*camera, size, technique, settings) }
 }

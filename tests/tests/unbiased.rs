@@ -24,17 +24,9 @@ fn request(scene: &Scene, samples: u32, seed: u32, knobs: &[&str]) -> Request {
     for knob in knobs {
         settings.apply(knob).expect("a knob");
     }
-    Request {
-        width: WIDTH,
-        height: HEIGHT,
-        camera: scene.camera.expect("the scene suggests a camera"),
-        seed,
-        stop: Stop::Samples(samples),
-        curve: ToneCurve::Clip,
-        exposure: 1.0,
-        technique: Technique::Candidates,
-        settings,
-    }
+    let camera = scene.camera.expect("the scene suggests a camera");
+    let one = Request::new(camera, [WIDTH, HEIGHT], Technique::Candidates, settings);
+    Request { seed, stop: Stop::Samples(samples), curve: ToneCurve::Clip, ..one }
 }
 
 /// z of the difference of means over a set of pixels, and the relative difference.

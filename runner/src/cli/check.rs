@@ -6,7 +6,7 @@ use weir::{
     exit::Exit,
     render::{Request, Stop, facts_of},
     sequence::Sequence,
-    technique::{Technique, ToneCurve},
+    technique::Technique,
 };
 
 use super::{CheckArguments, no_passes, open, print};
@@ -26,16 +26,11 @@ pub fn run(arguments: &CheckArguments) -> anyhow::Result<Exit> {
     let must_be_equal = arguments.strict && gpu.rounds_exactly();
     let mut holds = true;
     for technique in techniques {
+        let size = [arguments.size.width, arguments.size.height];
         let request = Request {
-            width: arguments.size.width,
-            height: arguments.size.height,
-            camera: opened.camera,
             seed: arguments.seed,
             stop: Stop::Samples(arguments.frames),
-            curve: ToneCurve::default(),
-            exposure: 1.0,
-            technique,
-            settings: opened.settings.clone(),
+            ..Request::new(opened.camera, size, technique, opened.settings.clone())
         };
         let facts = facts_of(&opened.packed, request.width, request.height, &request.settings);
         let what = Check {

@@ -7,9 +7,9 @@ use weir::executor::cpu::CpuExecutor;
 use weir::{
     exit::{Exit, Usage},
     graph::Life,
-    render::{Request, Stop, facts_of},
+    render::{Request, facts_of},
     sequence::Sequence,
-    technique::{RESOURCES, Technique, ToneCurve, direct_light},
+    technique::{RESOURCES, Technique, direct_light},
 };
 
 use super::{PixelArguments, no_passes, open};
@@ -36,17 +36,8 @@ pub fn run(arguments: &PixelArguments) -> anyhow::Result<Exit> {
         return Err(Usage(message).into());
     }
     let opened = open::open(&arguments.scene)?;
-    let request = Request {
-        width: size.width,
-        height: size.height,
-        camera: opened.camera,
-        seed: arguments.seed,
-        stop: Stop::Samples(1),
-        curve: ToneCurve::default(),
-        exposure: 1.0,
-        technique,
-        settings: opened.settings,
-    };
+    let one = Request::new(opened.camera, [size.width, size.height], technique, opened.settings);
+    let request = Request { seed: arguments.seed, ..one };
     let mut sequence = Sequence::new(opened.packed, request.clone());
     // The frames before it make the history of one in real time; those of stills have none.
     let past = if technique == Technique::RealTime { arguments.history.min(arguments.frame) } else { 0 };

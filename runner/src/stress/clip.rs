@@ -10,7 +10,7 @@ use crate::{
     graph::Plan,
     packed::{Changed, Moment, PackedScene},
     reference::{Estimate, Reference},
-    render::{Backend, Executor, RenderError, Request, Stop, facts_of, frame_of},
+    render::{Backend, Executor, RenderError, Request, facts_of, frame_of},
     scene::{Camera, Scene},
     sequence::{Sequence, Shot},
     settings::Settings,
@@ -62,9 +62,8 @@ impl<'a> Take<'a> {
         for knob in &self.knobs {
             settings.apply(knob).expect("cases turn knobs that exist");
         }
-        let [width, height] = self.size;
-        let (curve, technique) = (ToneCurve::Clip, self.technique);
-        Request { width, height, camera, seed: 7, stop: Stop::Samples(1), curve, exposure: 1.0, technique, settings }
+        let one = Request::new(camera, self.size, self.technique, settings);
+        Request { seed: 7, curve: ToneCurve::Clip, ..one }
     }
 
     /// What the reference integrator makes of one of the shots.

@@ -8,7 +8,7 @@ use weir_shared::{
 use super::{Finding, Found, clip::Take, scenes};
 use crate::{
     packed::{Moment, PackedScene},
-    render::{Backend, Executor, RenderError, Request, Stop, facts_of},
+    render::{Backend, Executor, RenderError, Request, facts_of},
     scene::Camera,
     sequence::{Sequence, Shot},
     settings::Settings,
@@ -149,8 +149,7 @@ pub fn run(
     let facts = facts_of(&packed, width, height, &settings);
     let plan = direct_light(technique, &settings, &facts, curve, &["color", "reservoirs"])?;
     let mut executor = Executor::new(backend, &plan, packed.buffers())?;
-    let stop = Stop::Samples(1);
-    let request = Request { width, height, camera, seed: 5, stop, curve, exposure: 1.0, technique, settings };
+    let request = Request { seed: 5, curve, ..Request::new(camera, SIZE, technique, settings) };
     let neighbors = (1 + request.settings.temporal_neighbors).max(request.settings.temporal_neighbors_unseen);
     let bound = (1 + request.settings.confidence_cap * neighbors).min(MAX_CONFIDENCE);
     let mut sequence = Sequence::new(&mut packed, request);

@@ -32,11 +32,11 @@ use crate::{
     margin::Batches,
     packed::{Moment, PackError, PackedScene},
     reference::Estimate,
-    render::{Request, Stop, frame_of},
+    render::{Request, frame_of},
     scene::{Camera, Scene, bounds::Bounds, choice::Choice, error::SceneError},
     sequence::{Sequence, Shot},
     settings::Settings,
-    technique::{Technique, ToneCurve},
+    technique::Technique,
 };
 
 /// Samples after which the reference is as good as it gets.
@@ -112,17 +112,8 @@ impl Engine {
     pub fn new(scene: Scene, gpu: Option<&Gpu>) -> Result<Self, EngineError> {
         let packed = PackedScene::new(&scene, 0.0)?;
         let place = place(gpu, &packed)?;
-        let request = Request {
-            width: 1,
-            height: 1,
-            camera: scene.camera.unwrap_or_else(|| framing(&scene)),
-            seed: 0,
-            stop: Stop::Samples(1),
-            curve: ToneCurve::default(),
-            exposure: 1.0,
-            technique: Technique::RealTime,
-            settings: Settings::default(),
-        };
+        let camera = scene.camera.unwrap_or_else(|| framing(&scene));
+        let request = Request::new(camera, [1, 1], Technique::RealTime, Settings::default());
         let facts = facts(&scene, &packed);
         Ok(Self {
             base: scene,
@@ -223,15 +214,10 @@ impl Engine {
 
     fn request(&self, want: &Want, technique: Technique) -> Request {
         Request {
-            width: want.size[0],
-            height: want.size[1],
-            camera: want.camera,
             seed: want.seed,
-            stop: Stop::Samples(1),
             curve: want.curve,
             exposure: self.exposure,
-            technique,
-            settings: want.settings.clone(),
+            ..Request::new(want.camera, want.size, technique, want.settings.clone())
         }
     }
 

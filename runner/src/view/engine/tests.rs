@@ -3,7 +3,7 @@
 use glam::Vec3;
 
 use super::*;
-use crate::{scene::builtin, settings::Preset, view::lights::Edit};
+use crate::{scene::builtin, settings::Preset, technique::ToneCurve, view::lights::Edit};
 
 fn cornell() -> Engine {
     Engine::new((builtin::find("cornell").expect("built in").build)(), None).expect("it fits")
