@@ -181,6 +181,16 @@ fn a_broken_file_is_a_message_and_the_program_goes_on() {
 }
 
 #[test]
+fn without_a_file_dialog_the_window_says_so() {
+    let Some(display) = Display::start("without_a_file_dialog") else { return };
+    let none = [("DBUS_SESSION_BUS_ADDRESS", "unix:path=/nonexistent"), ("PATH", "/nonexistent")];
+    let script = "wait 4\nkey Ctrl+O\nwait 12\nscreenshot after.png\nquit\n";
+    let stderr = display.run("cornell", script, &["--backend", "cpu"], &none);
+    assert!(stderr.contains("no file dialog"), "{stderr}");
+    assert!(has_content(&picture(&display.shot("after.png"))), "the program goes on");
+}
+
+#[test]
 fn without_any_vulkan_driver_the_host_draws_the_same_window() {
     let Some(display) = Display::start("without_any_vulkan_driver") else { return };
     let script = "wait 6\nscreenshot panels.png\nkey F2\nwait 8\nscreenshot plain.png\nquit\n";

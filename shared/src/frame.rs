@@ -127,8 +127,12 @@ pub struct Frame {
     /// Candidates among [`Frame::candidates`] that come down the light tree; one at least is left to the table.
     pub candidates_tree: u32,
 
+    /// Where the guide to emitters starts in `records`, see [`crate::light::address_of`].
+    pub light_guide_at: u32,
+    /// Lights of a bucket of that guide, as a power of two.
+    pub light_guide_shift: u32,
     /// Not used.
-    pub padding: Vec3,
+    pub padding: u32,
     /// Where the light tree over emitters starts in `lights`.
     pub light_tree_at: u32,
 }
@@ -163,6 +167,8 @@ impl FramePair {
             emitters_at: if past { prev.emitters_at } else { now.emitters_at },
             emitter_count: if past { prev.emitter_count } else { now.emitter_count },
             light_count: if past { prev.light_count } else { now.light_count },
+            light_guide_at: if past { prev.light_guide_at } else { now.light_guide_at },
+            light_guide_shift: if past { prev.light_guide_shift } else { now.light_guide_shift },
             environment_cos: if past { prev.environment_cos } else { now.environment_cos },
             environment_sin: if past { prev.environment_sin } else { now.environment_sin },
             environment_scale: if past { prev.environment_scale } else { now.environment_scale },

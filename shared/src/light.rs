@@ -66,9 +66,11 @@ pub const NO_LIGHT: u32 = 0xffff_ffff;
 /// The emitter (an instance that emits) of an emissive triangle.
 #[inline(always)]
 fn emitter_of(frame: &Frame, scene: &Scene, light: u32) -> u32 {
-    // Binary search for the last emitter whose first light is not beyond `light`.
-    let mut low = 0;
-    let mut high = frame.emitter_count;
+    // The guide has the emitter of the first light of every bucket, and at last that of the last light of all; most
+    // buckets have one emitter or two. Binary search among them for the last whose first light is not beyond `light`.
+    let bucket = frame.light_guide_at + (light >> frame.light_guide_shift);
+    let mut low = scene.record(bucket);
+    let mut high = scene.record(bucket + 1) + 1;
     while low + 1 < high {
         let middle = (low + high) / 2;
         if scene.emitter_word(frame, middle, emitter_record::FIRST_LIGHT) <= light {

@@ -19,6 +19,9 @@ use crate::{
     scene::{Scene, emitter_record, instance_record},
 };
 
+#[cfg(all(not(target_arch = "spirv"), target_arch = "x86_64"))]
+pub mod simd;
+
 /// Most children of a node. Eight, so that the host compares them with vector instructions.
 pub const WIDTH: u32 = 8;
 
@@ -81,6 +84,27 @@ pub fn walk(
     goal: Address,
     rng: &mut Rng,
 ) -> Reached {
+    #[cfg(all(not(target_arch = "spirv"), target_arch = "x86_64"))]
+    if crate::bvh::simd::available() {
+        // SAFETY: the processor has AVX2.
+        return unsafe { simd::walk(frame, scene, lights, position, normal, has_goal, goal, rng) };
+    }
+    walk_with(frame, scene, lights, position, normal, has_goal, goal, rng, PortableNodes)
+}
+
+/// [`walk`] with a given choice among children.
+#[inline(always)]
+fn walk_with<N: Nodes>(
+    frame: &Frame,
+    scene: &Scene,
+    lights: &[u32],
+    position: Vec3,
+    normal: Vec3,
+    has_goal: bool,
+    goal: Address,
+    rng: &mut Rng,
+    nodes: N,
+) -> Reached {
     let mut address = goal;
     let mut pmf = 1.0;
     let (mut position, mut normal) = (position, normal);
@@ -96,7 +120,7 @@ pub fn walk(
         while (link & LEAF) == 0 {
             let (words, node) = window(lights, at + count + link * NODE_WORDS, NODE_WORDS);
             let bits = if has_goal { 0 } else { rng.next_word() >> 9 };
-            let choice = choose(words, node, position, normal, has_goal, trail & (WIDTH - 1), bits);
+            let choice = nodes.choose(words, node, position, normal, has_goal, trail & (WIDTH - 1), bits);
             trail >>= 3;
             pmf *= choice.part as f32 * (1.0 / ONE as f32);
             link = if choice.part > 0 { load(words, node + node_field::LINK * WIDTH + choice.child) } else { LEAF };
@@ -142,51 +166,79 @@ fn instance_of(frame: &Frame, scene: &Scene, address: Address) -> u32 {
 }
 
 /// One level of a walk.
-struct Choice {
-    child: u32,
-    /// Its probability, in parts of [`ONE`].
-    part: u32,
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Choice {
+    /// The child.
+    pub child: u32,
+    /// Its probability, in parts of 2^-23; 0 if no light below the node reaches the surface.
+    pub part: u32,
 }
 
-/// The child `goal` of a node, or that which the random number `bits` below [`ONE`] chooses in proportion to what the
-/// children may matter.
-#[inline(always)]
-fn choose(words: &[u32], node: u32, position: Vec3, normal: Vec3, has_goal: bool, goal: u32, bits: u32) -> Choice {
-    let first = importances(words, node, position, normal);
-    let second = importances(words, node + 4, position, normal);
-    let first_sums = running_sums(first, 0.0);
-    let second_sums = running_sums(second, first_sums.w);
-    // Not times 1 / total: the last sum must come out as exactly one.
-    let total = max(second_sums.w, 1e-30);
-    let (first_bounds, second_bounds) = (parts(first_sums, total), parts(second_sums, total));
-    let mut choice = Choice { child: goal, part: 0 };
-    let mut lower = 0;
-    let mut i = 0;
-    while i < WIDTH {
-        let bounds = if i < 4 { first_bounds } else { second_bounds };
-        let upper = match i & 3 {
-            0 => bounds.x,
-            1 => bounds.y,
-            2 => bounds.z,
-            _ => bounds.w,
-        };
-        let is_chosen = if has_goal { i == goal } else { lower <= bits && bits < upper };
-        if is_chosen {
-            choice = Choice { child: i, part: upper - lower };
+/// How a child of a node is chosen: all implementations give the same result.
+pub trait Nodes: Copy {
+    /// The child `goal` of a node if `has_goal`, else that which the random number `bits` below 2^23 chooses in proportion
+    /// to what the children may matter to a surface at `position` with `normal`, of length 1.
+    fn choose(
+        self,
+        words: &[u32],
+        node: u32,
+        position: Vec3,
+        normal: Vec3,
+        has_goal: bool,
+        goal: u32,
+        bits: u32,
+    ) -> Choice;
+}
+
+/// The choice for every processor.
+#[derive(Clone, Copy)]
+pub struct PortableNodes;
+
+impl Nodes for PortableNodes {
+    #[inline(always)]
+    fn choose(
+        self,
+        words: &[u32],
+        node: u32,
+        position: Vec3,
+        normal: Vec3,
+        has_goal: bool,
+        goal: u32,
+        bits: u32,
+    ) -> Choice {
+        let first_sums = running_sums(importances(words, node, position, normal));
+        let second_sums = running_sums(importances(words, node + 4, position, normal)) + first_sums.w;
+        // Not times 1 / total: the last sum must come out as exactly one.
+        let total = max(second_sums.w, 1e-30);
+        let (first_bounds, second_bounds) = (parts(first_sums, total), parts(second_sums, total));
+        let mut choice = Choice { child: 0, part: 0 };
+        let mut lower = 0;
+        let mut i = 0;
+        while i < WIDTH {
+            let bounds = if i < 4 { first_bounds } else { second_bounds };
+            let upper = match i & 3 {
+                0 => bounds.x,
+                1 => bounds.y,
+                2 => bounds.z,
+                _ => bounds.w,
+            };
+            let is_chosen = if has_goal { i == goal } else { lower <= bits && bits < upper };
+            if is_chosen {
+                choice = Choice { child: i, part: upper - lower };
+            }
+            lower = upper;
+            i += 1;
         }
-        lower = upper;
-        i += 1;
+        choice
     }
-    choice
 }
 
-/// Each number with all before it, and `before`.
+/// Each number with all before it.
 #[inline(always)]
-fn running_sums(values: Vec4, before: f32) -> Vec4 {
-    let x = before + values.x;
-    let y = x + values.y;
+fn running_sums(values: Vec4) -> Vec4 {
+    let y = values.x + values.y;
     let z = y + values.z;
-    Vec4::new(x, y, z, z + values.w)
+    Vec4::new(values.x, y, z, z + values.w)
 }
 
 /// Shares of `total` in whole parts of [`ONE`].
@@ -239,4 +291,66 @@ pub fn importances(words: &[u32], node: u32, position: Vec3, normal: Vec3) -> Ve
     let value = lanes(words, node, node_field::POWER) * cosines.max(within) / safe2.max(near2);
     // The sum of eight is finite. Denormal numbers, which some processors take for zero, are zero on all.
     (value - 1e-30).max(Vec4::ZERO).min(Vec4::splat(1e30))
+}
+
+#[cfg(all(test, target_arch = "x86_64"))]
+mod tests {
+    use super::*;
+    use crate::rng::pcg4d;
+
+    /// Numbers in -1..1.
+    fn signed(i: u32, j: u32) -> [f32; 4] {
+        pcg4d(i, j, 6, 17).map(|b| (b >> 8) as f32 / 8_388_608.0 - 1.0)
+    }
+
+    /// A node whose children are near and far, small and large, bright and dark, and not all there.
+    fn random_node(i: u32) -> [u32; NODE_WORDS as usize] {
+        let mut node = [0; NODE_WORDS as usize];
+        for child in 0..WIDTH {
+            let ([x, y, z, size], [a, b, c, power]) = (signed(i, child), signed(i, 8 + child));
+            let scale = if i % 7 == 0 { 1e-12 } else { 1.0 };
+            let axis = if child % 3 == 0 { Vec3::ZERO } else { Vec3::new(a, b, c).normalize_or_zero() * 0.8 };
+            let sin = if child % 3 == 0 { 1.0 } else { 0.6 };
+            let power = if power < -0.6 { 0.0 } else { (power * 40.0).exp2() };
+            let radius = if i % 5 == 0 { 0.0 } else { size.abs() * 0.5 };
+            let fields = [x, y, z, radius * scale, power, axis.x, axis.y, axis.z, sin, 0.0];
+            for (field, value) in (0..).zip(fields) {
+                node[(field * WIDTH + child) as usize] = f32::to_bits(value);
+            }
+        }
+        node
+    }
+
+    #[test]
+    fn the_wide_choice_equals_the_portable_one_bit_for_bit() {
+        let Some(wide) = simd::WideNodes::new() else {
+            eprintln!("SKIPPED: this processor has no AVX2");
+            return;
+        };
+        let (mut chosen, mut ended) = (0, 0);
+        for i in 0..100_000 {
+            let node = random_node(i / 4);
+            let ([x, y, z, _], [a, b, c, _]) = (signed(i, 100), signed(i, 101));
+            // Now and then exactly at the center of a child.
+            let center = Vec3::from_array([0, 1, 2].map(|field| f32::from_bits(node[field * WIDTH as usize + 3])));
+            let position = if i % 11 == 0 { center } else { Vec3::new(x, y, z) };
+            let normal = Vec3::new(a, b, c).normalize_or_zero();
+            let [bits, goal, ..] = pcg4d(i, 1, 2, 3);
+            for has_goal in [false, true] {
+                let arguments = (position, normal, has_goal, goal % WIDTH, bits >> 9);
+                let of = |node: &[u32]| {
+                    let (position, normal, has_goal, goal, bits) = arguments;
+                    let portable = PortableNodes.choose(node, 0, position, normal, has_goal, goal, bits);
+                    assert_eq!(wide.choose(node, 0, position, normal, has_goal, goal, bits), portable, "case {i}");
+                    portable
+                };
+                let choice = of(&node);
+                chosen += u32::from(choice.part > 0);
+                ended += u32::from(!has_goal && choice.part == 0);
+                // Nothing that shines.
+                assert_eq!(of(&[0; NODE_WORDS as usize]).part, 0);
+            }
+        }
+        assert!(chosen > 50_000 && ended > 10, "{chosen} chosen, {ended} ended");
+    }
 }

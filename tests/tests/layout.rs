@@ -134,6 +134,8 @@ fn frame_fields() -> Fields {
         occlusion,
         candidates_off_lattice,
         candidates_tree,
+        light_guide_at,
+        light_guide_shift,
         padding,
         light_tree_at,
     })

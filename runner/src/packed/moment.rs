@@ -62,9 +62,10 @@ impl Capacity {
         Ok(Self { instances: drawn().count(), emitters: drawn().filter(|m| !m.lights.is_empty()).count() })
     }
 
-    /// Words of a block of `records`: instances, their order in the top level, emitters.
+    /// Words of a block of `records`: instances, their order in the top level, emitters, the guide to them.
     pub(super) fn record_words(&self) -> usize {
-        self.instances * (instance_record::WORDS as usize + 1) + self.emitters * emitter_record::WORDS as usize
+        let guide = if self.emitters > 0 { self.emitters + 1 } else { 0 };
+        self.instances * (instance_record::WORDS as usize + 1) + self.emitters * emitter_record::WORDS as usize + guide
     }
 
     /// Words of the table over emitters, of which there is one: the frame before is not sampled.
@@ -203,6 +204,9 @@ impl PackedScene {
         self.records[order_at..order_at + placed.order.len()].copy_from_slice(&placed.order);
         let emitters_at = order_at + capacity.instances;
         self.records[emitters_at..emitters_at + emitters.len()].copy_from_slice(&emitters);
+        let guide_at = emitters_at + capacity.emitters * emitter_record::WORDS as usize;
+        let (guide, guide_shift) = guide_to(&emitters, first_light);
+        self.records[guide_at..guide_at + guide.len()].copy_from_slice(&guide);
         if !weights.iter().any(|&w| w > 0.0) {
             weights.fill(1.0);
         }
@@ -219,6 +223,8 @@ impl PackedScene {
         self.frame.instance_count = drawn.len() as u32;
         self.frame.top_order_at = order_at as u32;
         self.frame.emitters_at = emitters_at as u32;
+        self.frame.light_guide_at = guide_at as u32;
+        self.frame.light_guide_shift = guide_shift;
         self.frame.emitter_count = weights.len() as u32;
         self.frame.light_count = first_light;
         self.frame.top_root = (first_row / 5) as u32;
@@ -247,6 +253,26 @@ impl PackedScene {
             }
         }
     }
+}
+
+/// The guide to emitters, whose records are given, and the size of its buckets as a power of two: the smallest with which
+/// there are no more buckets than emitters. No words without lights.
+fn guide_to(emitters: &[u32], light_count: u32) -> (Vec<u32>, u32) {
+    let words = emitter_record::WORDS as usize;
+    let emitter_count = (emitters.len() / words) as u32;
+    let Some(last_light) = light_count.checked_sub(1) else { return (Vec::new(), 0) };
+    let shift = (0..u32::BITS).find(|shift| (last_light >> shift) < emitter_count).unwrap_or(0);
+    let mut guide = Vec::with_capacity(emitter_count as usize + 1);
+    let mut emitter = 0;
+    for bucket in 0..=last_light >> shift {
+        let next = |emitter: u32| (emitter as usize + 1) * words + emitter_record::FIRST_LIGHT as usize;
+        while emitters.get(next(emitter)).is_some_and(|&first| first <= bucket << shift) {
+            emitter += 1;
+        }
+        guide.push(emitter);
+    }
+    guide.push(emitter_count - 1);
+    (guide, shift)
 }
 
 /// The upper three rows of an affine matrix.

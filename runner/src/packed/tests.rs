@@ -283,6 +283,29 @@ fn light_ids_translate_both_ways_when_instances_come_go_and_change_order() {
 }
 
 #[test]
+fn every_light_is_found_by_its_id_however_uneven_the_numbers_of_lights_are() {
+    // Meshes of 1, 700 and 2 lights, in an order that puts many small ones into a bucket and many buckets into a large one.
+    let mut scene = soup(10);
+    scene.meshes.extend([soup(7_000), soup(20)].into_iter().flat_map(|s| s.meshes));
+    let order = [0, 0, 0, 1, 2, 0, 1, 1, 2, 2, 2, 2, 0];
+    scene.instances =
+        order.iter().map(|&mesh| Instance { mesh, world_from_object: Mat4::IDENTITY, motion: Motion::Still }).collect();
+    for drawn in [None, Some(vec![12]), Some(vec![3]), Some(vec![3, 12, 0, 4, 6])] {
+        let moment = Moment { drawn: drawn.clone(), ..Moment::default() };
+        let packed = PackedScene::dynamic(&scene, &moment).expect("packs");
+        let mut light = 0;
+        for (emitter, instance) in (0..).zip(drawn.unwrap_or((0..13).collect())) {
+            for local in 0..[1, 700, 2][order[instance as usize] as usize] {
+                let address = light::address_of(&packed.frame, &view(&packed), light);
+                assert_eq!(address, light::Address { emitter, local });
+                light += 1;
+            }
+        }
+        assert_eq!(light, packed.frame.light_count);
+    }
+}
+
+#[test]
 fn moments_move_scale_and_dim_instances_and_refuse_what_is_not_there() {
     let scene = row_of_soups();
     let mut packed = PackedScene::dynamic(&scene, &Moment::default()).expect("packs");

@@ -48,6 +48,8 @@ enum Wake {
     Repaint(Duration),
     /// A file was chosen.
     Chosen(PathBuf),
+    /// There is no file dialog.
+    NoDialog,
     /// A file of the scene has changed.
     Changed,
 }
@@ -329,6 +331,9 @@ impl ApplicationHandler<Wake> for App {
             }
             Wake::Repaint(_) => {}
             Wake::Chosen(path) => self.state.take_file(path),
+            Wake::NoDialog => self.state.fail(
+                "this system shows no file dialog (on Linux: install xdg-desktop-portal or zenity); drop a file on the window instead",
+            ),
             Wake::Changed => self.state.act(super::keys::Action::Reload),
         }
         self.request_redraw();

@@ -94,9 +94,14 @@ pub struct PastUnderPresentLights;
 impl Bug for PastUnderPresentLights {
     fn plant(seen: &mut Seen<'_>) {
         let now = seen.frames.now;
-        let Frame { instances_at, instance_count, emitters_at, emitter_count, light_count, .. } = now;
-        seen.frames.prev =
-            Frame { instances_at, instance_count, emitters_at, emitter_count, light_count, ..seen.frames.prev };
+        let prev = &mut seen.frames.prev;
+        prev.instances_at = now.instances_at;
+        prev.instance_count = now.instance_count;
+        prev.emitters_at = now.emitters_at;
+        prev.emitter_count = now.emitter_count;
+        prev.light_count = now.light_count;
+        prev.light_guide_at = now.light_guide_at;
+        prev.light_guide_shift = now.light_guide_shift;
     }
 }
 

@@ -1,5 +1,7 @@
 //! What panels and scripts have the window do.
 
+use std::time::{Duration, Instant};
+
 use winit::{dpi::PhysicalSize, window::Fullscreen};
 
 use super::{App, ViewError, Wake};
@@ -9,6 +11,9 @@ use crate::view::{
     state::Order,
     stored,
 };
+
+/// A file dialog that has ended this soon has not been there.
+const NO_DIALOG_WITHIN: Duration = Duration::from_millis(500);
 
 impl App {
     /// Does what panels and keys have asked for.
@@ -48,8 +53,12 @@ impl App {
             .pick_file();
         // It stays open for as long as the person likes.
         let waiting = std::thread::Builder::new().name("file dialog".to_owned()).spawn(move || {
-            if let Some(file) = pollster::block_on(dialog) {
-                drop(proxy.send_event(Wake::Chosen(file.path().to_owned())));
+            let start = Instant::now();
+            match pollster::block_on(dialog) {
+                Some(file) => drop(proxy.send_event(Wake::Chosen(file.path().to_owned()))),
+                // Nobody closes a dialog as fast as one fails to open.
+                None if start.elapsed() < NO_DIALOG_WITHIN => drop(proxy.send_event(Wake::NoDialog)),
+                None => {}
             }
         });
         drop(waiting);
