@@ -20,7 +20,7 @@ use weir_shared::{
     camera::camera_ray,
     frame::Frame,
     light::{self, Address, LightPoint},
-    light_tree,
+    light_tree::{Party, Walk},
     merge::{Inputs, Sink, form, merge},
     numerics::unit_float,
     ray::Ray,
@@ -132,7 +132,34 @@ fn walk_down_the_light_tree(bencher: Bencher) {
     let none = Address { emitter: 0, local: 0 };
     each(bencher, &world.domains(), |domain| {
         let (position, normal) = (domain.position, domain.bsdf.normal);
-        light_tree::walk(&world.frame, &view, &world.packed.lights, position, normal, false, none, &mut rng).pmf
+        let walk = Walk::new(&world.frame, &world.packed.lights, position, normal, false, none, rng);
+        rng = rng.skip(16);
+        walk.finish(&world.frame, &view, &world.packed.lights).pmf
+    });
+}
+
+/// As candidates do it: a step of each in turn.
+#[divan::bench]
+fn four_walks_down_the_light_tree(bencher: Bencher) {
+    let (world, view) = (&*WORLD, WORLD.view());
+    let mut rng = Rng::from_words(1, 2, 3, 0);
+    let none = Address { emitter: 0, local: 0 };
+    each(bencher, &world.domains(), |domain| {
+        let mut party = Party::new();
+        for _ in 0..4 {
+            party.add(Walk::new(
+                &world.frame,
+                &world.packed.lights,
+                domain.position,
+                domain.bsdf.normal,
+                false,
+                none,
+                rng,
+            ));
+            rng = rng.skip(16);
+        }
+        party.finish(&world.frame, &view, &world.packed.lights);
+        party.led(3).map(|reached| reached.pmf)
     });
 }
 

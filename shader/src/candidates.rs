@@ -5,7 +5,7 @@ use weir_shared::{
     environment, fault,
     frame::Frame,
     light::{self, Address, ENVIRONMENT_BIT, NO_LIGHT},
-    light_tree,
+    light_tree::Walk,
     numerics::{is_finite, load},
     resample::{Chooser, Stream, candidate_scale, survivor_scale},
     reservoir::Reservoir,
@@ -15,6 +15,9 @@ use weir_shared::{
     surface::Surface,
     target::{Domain, occlusion, screen_occlusion},
 };
+
+#[cfg(not(target_arch = "spirv"))]
+use weir_shared::light_tree::Party;
 
 /// A sample on its way through a stream: light and place on it.
 type Sample = (u32, u32);
@@ -48,6 +51,52 @@ impl Shares {
         let table = if enumerate { frame.light_count } else { triangles - tree };
         Self { table, tree, environment, bsdf: frame.candidates_bsdf, enumerate }
     }
+}
+
+/// Random numbers that a walk down the light tree may take, as a power of two of fours.
+const WALK_BITS: u32 = 4;
+
+/// The walks down the light tree that a pixel is going to ask for, as far as they are known before its candidates are:
+/// those of the tree's candidates, and those to what the table and the BSDF's ray find.
+#[cfg(not(target_arch = "spirv"))]
+#[inline(always)]
+fn ahead(
+    px: UVec2,
+    reservoir: u32,
+    frame: &Frame,
+    scene: &Scene,
+    lights: &[u32],
+    domain: &Domain,
+    shares: &Shares,
+    grouped: bool,
+    mut rng: Rng,
+    walk_rng: Rng,
+    bsdf_hits: &[Reservoir],
+) -> Party {
+    let mut party = Party::new();
+    if shares.tree == 0 {
+        return party;
+    }
+    let (position, normal) = (domain.position, domain.bsdf.normal);
+    let walk = |has_goal, goal, rng| Walk::new(frame, lights, position, normal, has_goal, goal, rng);
+    for number in 0..shares.tree {
+        party.add(walk(false, Address { emitter: 0, local: 0 }, walk_rng.skip(number << WALK_BITS)));
+    }
+    if !grouped {
+        for _ in 0..shares.table.min(Party::MOST as u32) {
+            // As the loop over candidates draws them: a point of the light, then the light.
+            rng.next_word();
+            party.add(walk(true, light::pick(frame, scene, lights, rng.next_four()).address, rng));
+        }
+    }
+    if shares.bsdf > 0 {
+        let hit = load(bsdf_hits, frame.index_of_reservoir(px, reservoir));
+        if hit.has_sample() && (hit.light & ENVIRONMENT_BIT) == 0 {
+            party.add(walk(true, light::address_of(frame, scene, hit.light), rng));
+        }
+    }
+    party.finish(frame, scene, lights);
+    party
 }
 
 /// Offers light samples to a reservoir and keeps one; the zero reservoir for sky.
@@ -91,7 +140,9 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
     let group_rng = Rng::for_reservoir(px, reservoir, frame, Stage::GroupChoice);
     let mut cheap: Stream<f32, (u32, u32, f32), Chooser> =
         Stream::new((0, 0, 0.0), Chooser::new(group_rng, frame.choice));
-    let mut walk_rng = Rng::for_reservoir(px, reservoir, frame, Stage::LightTree);
+    let walk_rng = Rng::for_reservoir(px, reservoir, frame, Stage::LightTree);
+    #[cfg(not(target_arch = "spirv"))]
+    let mut party = ahead(px, reservoir, frame, scene, lights, &domain, &shares, grouped, rng, walk_rng, bsdf_hits);
     let (mut group, mut first, mut drawn) = (0, 0, 0);
     let mut group_fault = fault::NONE;
     let mut i = 0;
@@ -147,8 +198,15 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
         let meets_cheap_target = grouped && is_drawn;
         let mut walked_density = 0.0;
         if shares.tree > 0 && !is_distant && !meets_cheap_target && (is_walked || id != NO_LIGHT) {
+            let number = i.wrapping_sub(of_table);
             let (position, normal) = (domain.position, domain.bsdf.normal);
-            let reached = light_tree::walk(frame, scene, lights, position, normal, !is_walked, address, &mut walk_rng);
+            let rng = walk_rng.skip(number << WALK_BITS);
+            let walk = Walk::new(frame, lights, position, normal, !is_walked, address, rng);
+            #[cfg(target_arch = "spirv")]
+            let reached = walk.finish(frame, scene, lights);
+            #[cfg(not(target_arch = "spirv"))]
+            let reached = (if is_walked { party.led(number) } else { party.to(address) })
+                .unwrap_or_else(|| walk.finish(frame, scene, lights));
             if is_walked && reached.pmf > 0.0 {
                 address = reached.address;
                 id = light::light_at(frame, scene, address);

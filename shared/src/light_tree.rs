@@ -69,95 +69,222 @@ pub struct Reached {
     pub pmf: f32,
 }
 
-/// Walks down both trees as the surface at `position` with `normal` (of length 1, world space) weighs their nodes: to
-/// `goal` if `has_goal`, else to where the random numbers lead.
-///
-/// One function for both, because on a GPU everything is inlined.
-#[inline(always)]
-pub fn walk(
-    frame: &Frame,
-    scene: &Scene,
-    lights: &[u32],
+/// A walk down both trees, as a surface weighs their nodes: to a goal if it has one, else to where random numbers lead.
+#[derive(Clone, Copy)]
+pub struct Walk {
+    /// Of the surface: in world space above the meshes, then in object space.
     position: Vec3,
+    /// The same; of length 1.
     normal: Vec3,
     has_goal: bool,
     goal: Address,
-    rng: &mut Rng,
-) -> Reached {
-    #[cfg(all(not(target_arch = "spirv"), target_arch = "x86_64"))]
-    if crate::bvh::simd::available() {
-        // SAFETY: the processor has AVX2.
-        return unsafe { simd::walk(frame, scene, lights, position, normal, has_goal, goal, rng) };
-    }
-    walk_with(frame, scene, lights, position, normal, has_goal, goal, rng, PortableNodes)
+    /// What is reached so far, with its probability.
+    reached: Reached,
+    /// Where the present tree starts, and how many items it has.
+    at: u32,
+    count: u32,
+    is_mesh: bool,
+    is_done: bool,
+    /// The rest of the way to the goal.
+    trail: u32,
+    /// The node to come, or the item that was reached.
+    link: u32,
+    rng: Rng,
 }
 
-/// [`walk`] with a given choice among children.
-#[inline(always)]
-fn walk_with<N: Nodes>(
-    frame: &Frame,
-    scene: &Scene,
-    lights: &[u32],
-    position: Vec3,
-    normal: Vec3,
-    has_goal: bool,
-    goal: Address,
-    rng: &mut Rng,
-    nodes: N,
-) -> Reached {
-    let mut address = goal;
-    let mut pmf = 1.0;
-    let (mut position, mut normal) = (position, normal);
-    let (mut at, mut count) = (frame.light_tree_at, frame.emitter_count);
-    let mut is_mesh = false;
-    let mut is_done = false;
-    while !is_done {
-        let has_tree = at != NO_TREE && count > 1;
-        let item = if is_mesh { goal.local } else { goal.emitter };
-        let mut trail = if has_goal && has_tree { load(lights, at + item) } else { 0 };
-        // Without nodes there is only the first item.
-        let mut link = if has_tree { 0 } else { LEAF };
-        while (link & LEAF) == 0 {
-            let (words, node) = window(lights, at + count + link * NODE_WORDS, NODE_WORDS);
-            let bits = if has_goal { 0 } else { rng.next_word() >> 9 };
-            let choice = nodes.choose(words, node, position, normal, has_goal, trail & (WIDTH - 1), bits);
-            trail >>= 3;
-            pmf *= choice.part as f32 * (1.0 / ONE as f32);
-            link = if choice.part > 0 { load(words, node + node_field::LINK * WIDTH + choice.child) } else { LEAF };
-        }
-        let reached = link & !LEAF;
-        if is_mesh {
-            if !has_goal {
-                address.local = reached;
-            }
-            if at == NO_TREE && count > 1 {
-                let table =
-                    scene.instance_word(frame, instance_of(frame, scene, address), instance_record::LIGHT_TABLE_AT);
-                if !has_goal {
-                    let [x, y, _, _] = rng.next_four();
-                    address.local = alias::pick(lights, table, count, x, y).index;
-                }
-                pmf *= alias::pmf(lights, table, address.local);
-            }
-            is_done = true;
-        } else if pmf > 0.0 {
-            if !has_goal {
-                address.emitter = reached;
-            }
-            let instance = instance_of(frame, scene, address);
-            at = scene.instance_word(frame, instance, instance_record::LIGHT_TREE_AT);
-            count = scene.instance_word(frame, instance, instance_record::LIGHT_COUNT);
-            let record = scene.instance_at(frame, instance);
-            position = scene.transform_point(record + instance_record::OBJECT_FROM_WORLD, position);
-            // A plane goes to object space by the transpose of the matrix to world space.
-            let plane = scene.transform_normal(record + instance_record::WORLD_FROM_OBJECT, normal);
-            normal = plane * (1.0 / sqrt(max(plane.length_squared(), 1e-30)));
-            is_mesh = true;
-        } else {
-            is_done = true;
+impl Walk {
+    /// At the top, for a surface at `position` with `normal` (of length 1, world space); `goal` counts if `has_goal`.
+    #[inline(always)]
+    pub fn new(
+        frame: &Frame,
+        lights: &[u32],
+        position: Vec3,
+        normal: Vec3,
+        has_goal: bool,
+        goal: Address,
+        rng: Rng,
+    ) -> Self {
+        let (at, count) = (frame.light_tree_at, frame.emitter_count);
+        let has_tree = count > 1;
+        Self {
+            position,
+            normal,
+            has_goal,
+            goal,
+            reached: Reached { address: goal, pmf: 1.0 },
+            at,
+            count,
+            is_mesh: false,
+            is_done: false,
+            trail: if has_goal && has_tree { load(lights, at + goal.emitter) } else { 0 },
+            // Without nodes there is only the first item.
+            link: if has_tree { 0 } else { LEAF },
+            rng,
         }
     }
-    Reached { address, pmf }
+
+    /// Past one node, and from the tree over emitters into that of a mesh.
+    #[inline(always)]
+    fn step<N: Nodes>(&mut self, frame: &Frame, scene: &Scene, lights: &[u32], nodes: N) {
+        if (self.link & LEAF) == 0 {
+            let (words, node) = window(lights, self.at + self.count + self.link * NODE_WORDS, NODE_WORDS);
+            let bits = if self.has_goal { 0 } else { self.rng.next_word() >> 9 };
+            let goal = self.trail & (WIDTH - 1);
+            let choice = nodes.choose(words, node, self.position, self.normal, self.has_goal, goal, bits);
+            self.trail >>= 3;
+            self.reached.pmf *= choice.part as f32 * (1.0 / ONE as f32);
+            let link = node_field::LINK * WIDTH + choice.child;
+            self.link = if choice.part > 0 { load(words, node + link) } else { LEAF };
+        }
+        if (self.link & LEAF) != 0 && !self.is_mesh {
+            if self.reached.pmf > 0.0 {
+                self.enter_mesh(frame, scene, lights);
+            } else {
+                self.is_done = true;
+            }
+        }
+        if (self.link & LEAF) != 0 && self.is_mesh {
+            self.arrive(frame, scene, lights);
+        }
+    }
+
+    /// From a leaf of the tree over emitters to the root of its mesh.
+    #[inline(always)]
+    fn enter_mesh(&mut self, frame: &Frame, scene: &Scene, lights: &[u32]) {
+        if !self.has_goal {
+            self.reached.address.emitter = self.link & !LEAF;
+        }
+        let instance = instance_of(frame, scene, self.reached.address);
+        self.at = scene.instance_word(frame, instance, instance_record::LIGHT_TREE_AT);
+        self.count = scene.instance_word(frame, instance, instance_record::LIGHT_COUNT);
+        let record = scene.instance_at(frame, instance);
+        self.position = scene.transform_point(record + instance_record::OBJECT_FROM_WORLD, self.position);
+        // A plane goes to object space by the transpose of the matrix to world space.
+        let plane = scene.transform_normal(record + instance_record::WORLD_FROM_OBJECT, self.normal);
+        self.normal = plane * (1.0 / sqrt(max(plane.length_squared(), 1e-30)));
+        let has_tree = self.at != NO_TREE && self.count > 1;
+        self.trail = if self.has_goal && has_tree { load(lights, self.at + self.goal.local) } else { 0 };
+        self.link = if has_tree { 0 } else { LEAF };
+        self.is_mesh = true;
+    }
+
+    /// At a triangle of the mesh, or where its alias table has to choose one.
+    #[inline(always)]
+    fn arrive(&mut self, frame: &Frame, scene: &Scene, lights: &[u32]) {
+        if !self.has_goal {
+            self.reached.address.local = self.link & !LEAF;
+        }
+        if self.at == NO_TREE && self.count > 1 {
+            let instance = instance_of(frame, scene, self.reached.address);
+            let table = scene.instance_word(frame, instance, instance_record::LIGHT_TABLE_AT);
+            if !self.has_goal {
+                let [x, y, _, _] = self.rng.next_four();
+                self.reached.address.local = alias::pick(lights, table, self.count, x, y).index;
+            }
+            self.reached.pmf *= alias::pmf(lights, table, self.reached.address.local);
+        }
+        self.is_done = true;
+    }
+
+    /// Walks to the end.
+    #[inline(always)]
+    pub fn finish(self, frame: &Frame, scene: &Scene, lights: &[u32]) -> Reached {
+        #[cfg(all(not(target_arch = "spirv"), target_arch = "x86_64"))]
+        if crate::bvh::simd::available() {
+            // SAFETY: the processor has AVX2.
+            return unsafe { simd::finish(self, frame, scene, lights) };
+        }
+        self.finish_with(frame, scene, lights, PortableNodes)
+    }
+
+    /// [`Walk::finish`] with a given choice among children.
+    #[inline(always)]
+    fn finish_with<N: Nodes>(mut self, frame: &Frame, scene: &Scene, lights: &[u32], nodes: N) -> Reached {
+        while !self.is_done {
+            self.step(frame, scene, lights, nodes);
+        }
+        self.reached
+    }
+}
+
+/// Several walks, each a step in turn: while one waits for memory, the others go on. For processors that don't switch to
+/// another pixel meanwhile, as GPUs do; where each walk leads does not depend on it.
+#[cfg(not(target_arch = "spirv"))]
+pub struct Party {
+    walks: [core::mem::MaybeUninit<Walk>; Self::MOST],
+    count: usize,
+}
+
+#[cfg(not(target_arch = "spirv"))]
+impl Party {
+    /// Most walks.
+    pub const MOST: usize = 8;
+
+    /// Nobody yet.
+    #[inline(always)]
+    pub fn new() -> Self {
+        Self { walks: [const { core::mem::MaybeUninit::uninit() }; Self::MOST], count: 0 }
+    }
+
+    /// One walk more, unless there are [`Party::MOST`].
+    #[inline(always)]
+    pub fn add(&mut self, walk: Walk) {
+        if let Some(place) = self.walks.get_mut(self.count) {
+            place.write(walk);
+            self.count += 1;
+        }
+    }
+
+    /// All walks so far.
+    #[inline(always)]
+    fn walks(&mut self) -> &mut [Walk] {
+        // SAFETY: the first `count` have been written.
+        unsafe { self.walks[..self.count].assume_init_mut() }
+    }
+
+    /// Walks to the end of all.
+    #[inline(always)]
+    pub fn finish(&mut self, frame: &Frame, scene: &Scene, lights: &[u32]) {
+        #[cfg(target_arch = "x86_64")]
+        if crate::bvh::simd::available() {
+            // SAFETY: the processor has AVX2.
+            unsafe { simd::finish_party(self, frame, scene, lights) };
+            return;
+        }
+        self.finish_with(frame, scene, lights, PortableNodes);
+    }
+
+    #[inline(always)]
+    fn finish_with<N: Nodes>(&mut self, frame: &Frame, scene: &Scene, lights: &[u32], nodes: N) {
+        let mut is_done = false;
+        while !is_done {
+            is_done = true;
+            for walk in self.walks().iter_mut().filter(|walk| !walk.is_done) {
+                walk.step(frame, scene, lights, nodes);
+                nodes.fetch(lights, walk.at + walk.count + (walk.link & !LEAF) * NODE_WORDS);
+                is_done &= walk.is_done;
+            }
+        }
+    }
+
+    /// Where walk number `number` without a goal has led, if there was such a walk; those come first.
+    #[inline(always)]
+    pub fn led(&mut self, number: u32) -> Option<Reached> {
+        self.walks().get(number as usize).filter(|walk| !walk.has_goal).map(|walk| walk.reached)
+    }
+
+    /// The walk to `goal`, if there was one.
+    #[inline(always)]
+    pub fn to(&mut self, goal: Address) -> Option<Reached> {
+        self.walks().iter().find(|walk| walk.has_goal && walk.goal == goal).map(|walk| walk.reached)
+    }
+}
+
+#[cfg(not(target_arch = "spirv"))]
+impl Default for Party {
+    fn default() -> Self {
+        Self::new()
+    }
 }
 
 #[inline(always)]
@@ -188,6 +315,10 @@ pub trait Nodes: Copy {
         goal: u32,
         bits: u32,
     ) -> Choice;
+
+    /// The node at word `at` will be asked for soon, or none is there.
+    #[inline(always)]
+    fn fetch(self, _lights: &[u32], _at: u32) {}
 }
 
 /// The choice for every processor.

@@ -1,5 +1,5 @@
 //! The stress list, as tests: a function for each theme, so that they run side by side. On the CPU; with
-//! `WEIR_LONG_TESTS=1` on the GPU as well, where most of the time goes into compiling passes for each case.
+//! `WEIR_LONG_TESTS=1` on the GPU as well. `weir stress --backend gpu` is what the checks of a clean clone run.
 
 use weir::stress::{Executors, Outcome, Row, THEMES};
 use weir_tests::gpu_or_skip;

@@ -5,8 +5,8 @@ use core::arch::x86_64::*;
 
 use glam::Vec3;
 
-use super::{Choice, NODE_WORDS, Nodes, ONE, Reached, WIDTH, node_field, walk_with};
-use crate::{bvh::simd::available, frame::Frame, light::Address, rng::Rng, scene::Scene};
+use super::{Choice, NODE_WORDS, Nodes, ONE, Party, Reached, WIDTH, Walk, node_field};
+use crate::{bvh::simd::available, frame::Frame, scene::Scene};
 
 /// The eight-wide choice. Made only where [`available`] is true.
 #[derive(Clone, Copy)]
@@ -34,25 +34,33 @@ impl Nodes for WideNodes {
         // SAFETY: a `WideNodes` exists only where `available` is true.
         unsafe { choose(words, node, position, normal, has_goal, goal, bits) }
     }
+
+    #[inline(always)]
+    fn fetch(self, lights: &[u32], at: u32) {
+        let first = lights.as_ptr().wrapping_add(at as usize);
+        for line in 0..6 {
+            // A prefetch does not fault, whatever the address.
+            // SAFETY: every processor of this architecture has the instruction.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(first.wrapping_add(line * 16).cast()) };
+        }
+    }
 }
 
 /// # Safety
 /// [`available`] must be true.
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-pub unsafe fn walk(
-    frame: &Frame,
-    scene: &Scene,
-    lights: &[u32],
-    position: Vec3,
-    normal: Vec3,
-    has_goal: bool,
-    goal: Address,
-    rng: &mut Rng,
-) -> Reached {
-    walk_with(frame, scene, lights, position, normal, has_goal, goal, rng, WideNodes(()))
+pub unsafe fn finish(walk: Walk, frame: &Frame, scene: &Scene, lights: &[u32]) -> Reached {
+    walk.finish_with(frame, scene, lights, WideNodes(()))
 }
 
-/// Lanes of each half up to a place, to `then`.
+/// # Safety
+/// [`available`] must be true.
+#[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
+pub unsafe fn finish_party(party: &mut Party, frame: &Frame, scene: &Scene, lights: &[u32]) {
+    party.finish_with(frame, scene, lights, WideNodes(()));
+}
+
+/// In each half, the sum in lane `FROM` (four times two bits) onto the lane that `TO` marks.
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
 fn add_lane<const FROM: i32, const TO: i32>(sums: __m256) -> __m256 {

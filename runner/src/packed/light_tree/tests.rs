@@ -3,7 +3,7 @@ use std::collections::HashSet;
 use weir_shared::{
     frame::Frame,
     light::{Address, address_of},
-    light_tree::{NO_TREE, Reached, importances, walk},
+    light_tree::{NO_TREE, Party, Reached, Walk, importances},
     numerics::sqrt,
     rng::{Rng, pcg4d},
     scene::{Scene as SceneView, emitter_record, instance_record},
@@ -99,14 +99,19 @@ fn packed_within(scene: &Scene, most_in_trees: usize) -> PackedScene {
 
 const NOBODY: Address = Address { emitter: 0, local: 0 };
 
+fn start(packed: &PackedScene, (position, normal): (Vec3, Vec3), goal: Option<Address>, stream: u32) -> Walk {
+    let rng = Rng::from_words(stream, 3, 1, 9);
+    let address = goal.unwrap_or(NOBODY);
+    Walk::new(&packed.frame, &packed.lights, position, normal, goal.is_some(), address, rng)
+}
+
 fn random_walk(packed: &PackedScene, position: Vec3, normal: Vec3, stream: u32) -> Reached {
-    let mut rng = Rng::from_words(stream, 3, 1, 9);
-    walk(&packed.frame, &view(packed), &packed.lights, position, normal, false, NOBODY, &mut rng)
+    start(packed, (position, normal), None, stream).finish(&packed.frame, &view(packed), &packed.lights)
 }
 
 fn pmf_of(packed: &PackedScene, position: Vec3, normal: Vec3, goal: Address) -> f32 {
-    let mut rng = Rng::from_words(0, 0, 0, 0);
-    let reached = walk(&packed.frame, &view(packed), &packed.lights, position, normal, true, goal, &mut rng);
+    let walk = start(packed, (position, normal), Some(goal), 0);
+    let reached = walk.finish(&packed.frame, &view(packed), &packed.lights);
     assert_eq!(reached.address, goal);
     reached.pmf
 }
@@ -203,6 +208,31 @@ fn walks_that_report_a_wrong_probability_are_seen() {
     let likely = (0..missing.len()).find(|&i| missing[i] > 0.01).expect("a light that matters");
     missing[likely] = 0.0;
     assert!(misfit_of_walks(&packed, surface, &missing) > 1.0);
+}
+
+#[test]
+fn walks_lead_where_they_would_alone() {
+    for packed in with_and_without_trees() {
+        for (i, (position, normal)) in (0..).zip(surfaces(500)) {
+            let alone = |k: u32| random_walk(&packed, position, normal, 8 * i + k);
+            let goal = alone(0).address;
+            let mut party = Party::new();
+            (0..3).for_each(|k| party.add(start(&packed, (position, normal), None, 8 * i + k)));
+            party.add(start(&packed, (position, normal), Some(goal), 0));
+            party.finish(&packed.frame, &view(&packed), &packed.lights);
+            for k in 0..3 {
+                let led = party.led(k).expect("a walk without a goal");
+                assert_eq!((led.address, led.pmf.to_bits()), (alone(k).address, alone(k).pmf.to_bits()));
+            }
+            assert!(party.led(3).is_none() && party.led(4).is_none());
+            let to = party.to(goal).expect("the walk to the goal");
+            assert_eq!(to.pmf.to_bits(), pmf_of(&packed, position, normal, goal).to_bits());
+            // More than there is room for are walked alone.
+            let mut full = Party::new();
+            (0..=Party::MOST as u32).for_each(|k| full.add(start(&packed, (position, normal), None, k)));
+            assert!(full.led(Party::MOST as u32 - 1).is_some() && full.led(Party::MOST as u32).is_none());
+        }
+    }
 }
 
 #[test]
