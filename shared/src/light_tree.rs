@@ -439,11 +439,11 @@ mod tests {
         let mut node = [0; NODE_WORDS as usize];
         for child in 0..WIDTH {
             let ([x, y, z, size], [a, b, c, power]) = (signed(i, child), signed(i, 8 + child));
-            let scale = if i % 7 == 0 { 1e-12 } else { 1.0 };
+            let scale = if i.is_multiple_of(7) { 1e-12 } else { 1.0 };
             let axis = if child % 3 == 0 { Vec3::ZERO } else { Vec3::new(a, b, c).normalize_or_zero() * 0.8 };
             let sin = if child % 3 == 0 { 1.0 } else { 0.6 };
             let power = if power < -0.6 { 0.0 } else { (power * 40.0).exp2() };
-            let radius = if i % 5 == 0 { 0.0 } else { size.abs() * 0.5 };
+            let radius = if i.is_multiple_of(5) { 0.0 } else { size.abs() * 0.5 };
             let fields = [x, y, z, radius * scale, power, axis.x, axis.y, axis.z, sin, 0.0];
             for (field, value) in (0..).zip(fields) {
                 node[(field * WIDTH + child) as usize] = f32::to_bits(value);
@@ -464,7 +464,7 @@ mod tests {
             let ([x, y, z, _], [a, b, c, _]) = (signed(i, 100), signed(i, 101));
             // Now and then exactly at the center of a child.
             let center = Vec3::from_array([0, 1, 2].map(|field| f32::from_bits(node[field * WIDTH as usize + 3])));
-            let position = if i % 11 == 0 { center } else { Vec3::new(x, y, z) };
+            let position = if i.is_multiple_of(11) { center } else { Vec3::new(x, y, z) };
             let normal = Vec3::new(a, b, c).normalize_or_zero();
             let [bits, goal, ..] = pcg4d(i, 1, 2, 3);
             for has_goal in [false, true] {

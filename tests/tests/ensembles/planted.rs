@@ -6,7 +6,7 @@ use weir_shader::{
 };
 use weir_shared::{
     alias,
-    frame::{Frame, FramePair},
+    frame::FramePair,
     reservoir::{MAX_CONFIDENCE, Reservoir},
     scene::{NO_INSTANCE, instance_record},
 };
