@@ -166,8 +166,8 @@ fn a_broken_file_is_a_message_and_the_program_goes_on() {
     let Some(display) = Display::start("a_broken_file_is_a_message") else { return };
     fs::write(display.path("broken.obj"), "v 0 0 0\nf 1 2 3\n").expect("writable");
     fs::write(display.path("song.mp3"), "la").expect("writable");
-    let script = "wait 4\nkey F2\nwait 4\nscreenshot before.png\ndrop broken.obj\nwait 25\nscreenshot after.png\n\
-                  drop song.mp3\nwait 2\nquit\n";
+    let script = "wait 4\nkey F2\nwait 4\nscreenshot before.png\ndrop broken.obj\nmessage broken.obj\n\
+                  screenshot after.png\ndrop song.mp3\nmessage song.mp3\nquit\n";
     let stderr = display.run("cornell", script, &["--backend", "cpu"], &[]);
     assert!(stderr.contains("broken.obj:2") && stderr.contains("song.mp3"), "{stderr}");
     // The message is a red box at the upper edge.
@@ -184,7 +184,7 @@ fn a_broken_file_is_a_message_and_the_program_goes_on() {
 fn without_a_file_dialog_the_window_says_so() {
     let Some(display) = Display::start("without_a_file_dialog") else { return };
     let none = [("DBUS_SESSION_BUS_ADDRESS", "unix:path=/nonexistent"), ("PATH", "/nonexistent")];
-    let script = "wait 4\nkey Ctrl+O\nwait 12\nscreenshot after.png\nquit\n";
+    let script = "wait 4\nkey Ctrl+O\nmessage no file dialog\nscreenshot after.png\nquit\n";
     let stderr = display.run("cornell", script, &["--backend", "cpu"], &none);
     assert!(stderr.contains("no file dialog"), "{stderr}");
     assert!(has_content(&picture(&display.shot("after.png"))), "the program goes on");

@@ -45,7 +45,7 @@ pub struct ViewArguments {
     #[arg(long, value_name = "DIR")]
     record: Option<PathBuf>,
     /// Events from a file in place of a person's: `key F1`, `drag left 40 -10`, `press NAME`, `resize 640 480`,
-    /// `drop FILE`, `wait FRAMES`, `screenshot FILE`, `quit`
+    /// `drop FILE`, `wait FRAMES`, `message TEXT` (waits for one), `screenshot FILE`, `quit`
     #[arg(long, value_name = "FILE")]
     script: Option<PathBuf>,
 }

@@ -32,6 +32,7 @@ enum Step {
     Press(String),
     Frames(u32),
     Rest,
+    Message(String),
     Command(Command),
 }
 
@@ -43,6 +44,8 @@ pub struct Surroundings<'a> {
     pub serial: u64,
     /// Whether it is at rest.
     pub resting: bool,
+    /// Whether there is a message with a text in it.
+    pub says: &'a dyn Fn(&str) -> bool,
     /// Where the widget of a name is.
     pub find: &'a dyn Fn(&str) -> Option<Pos2>,
 }
@@ -101,6 +104,12 @@ impl Driver {
             }
             Step::Rest => {
                 if around.resting {
+                    self.steps.pop_front();
+                }
+                Ok((Vec::new(), None))
+            }
+            Step::Message(text) => {
+                if (around.says)(text) {
                     self.steps.pop_front();
                 }
                 Ok((Vec::new(), None))
@@ -185,6 +194,7 @@ fn steps(event: &Event, middle: Pos2) -> Vec<Step> {
         Event::Drop(path) => command(Command::Drop(path)),
         Event::Wait(frames) => vec![Step::Frames(frames)],
         Event::Rest => vec![Step::Rest],
+        Event::Message(text) => vec![Step::Message(text)],
         Event::Screenshot(path) => command(Command::Screenshot(path)),
         Event::Lose => command(Command::Lose),
         Event::LoseSurface => command(Command::LoseSurface),
@@ -204,7 +214,13 @@ mod tests {
             if driver.is_done() {
                 return Ok((inputs, commands));
             }
-            let around = Surroundings { middle: Pos2::new(100.0, 50.0), serial, resting: false, find };
+            let around = Surroundings {
+                middle: Pos2::new(100.0, 50.0),
+                serial,
+                resting: false,
+                says: &|text| serial > 7 && text == "late",
+                find,
+            };
             let (input, command) = driver.next(&around)?;
             inputs.extend(input);
             commands.extend(command);
@@ -217,6 +233,14 @@ mod tests {
         let (inputs, _) = run("drag right 40 -20", &|_| None).expect("it runs");
         assert_eq!(inputs.first(), Some(&Input::PointerMoved(Pos2::new(100.0, 50.0))));
         assert_eq!(inputs.last(), Some(&button(Pos2::new(140.0, 30.0), PointerButton::Secondary, false)));
+    }
+
+    #[test]
+    fn a_message_is_waited_for() {
+        let (_, commands) = run("message late\nquit", &|_| None).expect("it runs");
+        assert_eq!(commands, [Command::Quit]);
+        let never = std::panic::catch_unwind(|| run("message never\nquit", &|_| None));
+        assert!(never.is_err(), "it does not come");
     }
 
     #[test]

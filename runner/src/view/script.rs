@@ -35,6 +35,8 @@ pub enum Event {
     Wait(u32),
     /// The picture is at rest.
     Rest,
+    /// The window shows a message with this text in it.
+    Message(String),
     /// The window's contents go to a file.
     Screenshot(PathBuf),
     /// The GPU is lost, as after a reset of its driver.
@@ -123,6 +125,7 @@ fn event(text: &str) -> Option<Event> {
         "drop" => return (!rest.is_empty()).then(|| Event::Drop(rest.into())),
         "wait" => Event::Wait(number(words.next())?),
         "rest" => Event::Rest,
+        "message" => return (!rest.is_empty()).then(|| Event::Message(rest.to_owned())),
         "screenshot" => return (!rest.is_empty()).then(|| Event::Screenshot(rest.into())),
         "lose" => Event::Lose,
         "lose-surface" => Event::LoseSurface,
@@ -139,14 +142,15 @@ mod tests {
     #[test]
     fn every_kind_of_line_is_read() {
         let text = "key Shift+F12  # a comment\n\nhold Shift+W 5\ndrag left 40 -10\nclick 1 2\nwheel -3\nresize 640 480\n\
-                    minimize\nrestore\ndrop a file.obj\nwait 10\nrest\nscreenshot out dir/a.png\nlose\nquit";
+                    minimize\nrestore\ndrop a file.obj\nwait 10\nrest\nscreenshot out dir/a.png\nlose\nmessage no file\nquit";
         let events = parse(text).expect("a script");
         assert_eq!(events[0], Event::Key(Key::F12, Modifiers::SHIFT));
         assert_eq!(events[1], Event::Hold(Key::W, Modifiers::SHIFT, 5));
         assert_eq!(events[2], Event::Drag(PointerButton::Primary, [40.0, -10.0]));
         assert_eq!(events[8], Event::Drop("a file.obj".into()));
         assert_eq!(events[11], Event::Screenshot("out dir/a.png".into()));
-        assert_eq!(events.len(), 14);
+        assert_eq!(events[13], Event::Message("no file".into()));
+        assert_eq!(events.len(), 15);
     }
 
     #[test]

@@ -79,10 +79,12 @@ impl App {
         }
         let [left, top, width, height] = self.state.place;
         let find = |name: &str| self.tree.iter().find(|(known, _)| known == name).map(|(_, at)| *at);
+        let says = |text: &str| self.state.messages.iter().any(|message| message.text.contains(text));
         let around = Surroundings {
             middle: egui::pos2(left + width / 2.0, top + height / 2.0),
             serial: self.serial,
             resting: self.state.resting,
+            says: &says,
             find: &find,
         };
         let (input, command) = match self.driver.next(&around) {
