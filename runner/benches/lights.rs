@@ -72,7 +72,7 @@ enum Frames<'a> {
     /// Independent frames of a scene that stands still.
     Still(&'a PackedScene, Frame),
     /// Frames that reuse each other, of a scene that moves.
-    RealTime(Sequence<&'a mut PackedScene>),
+    RealTime(Box<Sequence<&'a mut PackedScene>>),
 }
 
 struct Chain<'a> {
@@ -91,7 +91,7 @@ impl<'a> Chain<'a> {
         let outputs = &["moments", "display"];
         let plan = direct_light(request.technique, &request.settings, &facts, request.curve, outputs)?;
         let frames = if request.technique == Technique::RealTime {
-            Frames::RealTime(Sequence::new(packed, request.clone()))
+            Frames::RealTime(Box::new(Sequence::new(packed, request.clone())))
         } else {
             let first = frame_of(packed, request);
             Frames::Still(packed, first)

@@ -6,7 +6,7 @@
 mod chains;
 mod html;
 mod judge;
-mod lights;
+pub mod lights;
 pub mod methods;
 mod plots;
 pub mod regress;

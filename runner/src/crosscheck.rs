@@ -9,7 +9,7 @@ mod report;
 use std::{borrow::BorrowMut, collections::BTreeMap};
 
 use thiserror::Error;
-use weir_shader::wiring::{Access, Extent, Pass};
+use weir_shader::wiring::{Access, Pass};
 use weir_shared::frame::FramePair;
 
 pub use report::{Difference, Report, Row};
@@ -135,7 +135,8 @@ fn compare_step(
     };
     let bound = |access| step.slots.iter().filter(move |slot| slot.0 == access).map(|&(_, slot)| slot);
     let inputs: Vec<&[u8]> = bound(Access::Read).map(on_gpu).collect();
-    let elements = frame_elements(step, frames);
+    let grid = step.pass.extent.grid(&frames.now);
+    let elements = grid.elements() as usize;
     let mut on_host: Vec<AlignedBytes> =
         step.writes().map(|(_, stride)| AlignedBytes::zeroed(stride * elements)).collect();
     let outputs = on_host.iter_mut().map(AlignedBytes::bytes_mut).collect();
@@ -144,12 +145,6 @@ fn compare_step(
     for ((written, slot), host) in step.writes().zip(bound(Access::Write)).zip(&on_host) {
         let floats = RESOURCES.iter().find(|r| r.name == written.0).map_or(0, |r| r.float_words);
         let gpu_words: &[u32] = bytemuck::cast_slice(&on_gpu(slot)[..host.bytes().len()]);
-        report.compare(step.pass.name, written, floats, &frames.now, gpu_words, host.elements());
+        report.compare(step.pass.name, written, floats, (frames.now.index, grid), gpu_words, host.elements());
     }
-}
-
-/// Number of elements of each output of a step.
-fn frame_elements(step: &Planned, frames: &FramePair) -> usize {
-    let pixels = frames.now.width as usize * frames.now.height as usize;
-    if step.pass.extent == Extent::Pixels { pixels } else { pixels * frames.now.reservoirs as usize }
 }

@@ -11,7 +11,7 @@ mod print;
 use std::collections::BTreeSet;
 
 use thiserror::Error;
-use weir_shader::wiring::{Access, Extent, Feature, Pass, Variant};
+use weir_shader::wiring::{Access, Extent, Feature, Grid, Pass, Variant};
 use weir_shared::frame::{Frame, FramePair};
 
 use crate::exit::{Exit, HasExit};
@@ -55,6 +55,11 @@ impl Resource {
         Self { extent: Extent::Reservoirs, ..Self::new::<T>(name, life) }
     }
 
+    /// A resource with an element of type `T` for each record of lights drawn ahead.
+    pub const fn records<T: Element>(name: &'static str, life: Life) -> Self {
+        Self { extent: Extent::Records, ..Self::new::<T>(name, life) }
+    }
+
     /// Bytes of it, for what is not the scene's.
     pub(crate) fn bytes(&self, facts: &Facts) -> u64 {
         self.stride as u64 * facts.elements(self.extent)
@@ -66,12 +71,15 @@ impl Resource {
 pub enum Need {
     /// Emissive triangles or an environment.
     Lights,
+    /// Emissive triangles.
+    EmissiveTriangles,
 }
 
 impl std::fmt::Display for Need {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::Lights => "lights",
+            Self::EmissiveTriangles => "emissive triangles",
         })
     }
 }
@@ -133,6 +141,8 @@ pub struct Facts {
     pub height: u32,
     /// Reservoirs of each pixel.
     pub reservoirs: u32,
+    /// Columns and rows of records of lights drawn ahead.
+    pub records: [u32; 2],
     /// What the scene has of what steps may need.
     pub has: Vec<Need>,
     /// Features that choose among the variants of passes.
@@ -140,13 +150,15 @@ pub struct Facts {
 }
 
 impl Facts {
+    /// What a pass of an extent runs over.
+    pub fn grid(&self, extent: Extent) -> Grid {
+        let &Self { width, height, reservoirs, records: [presampled_columns, presampled_rows], .. } = self;
+        extent.grid(&Frame { width, height, reservoirs, presampled_columns, presampled_rows, ..Frame::default() })
+    }
+
     /// Number of elements of an extent.
     pub fn elements(&self, extent: Extent) -> u64 {
-        let pixels = u64::from(self.width) * u64::from(self.height);
-        match extent {
-            Extent::Pixels => pixels,
-            Extent::Reservoirs => pixels * u64::from(self.reservoirs),
-        }
+        self.grid(extent).elements()
     }
 }
 

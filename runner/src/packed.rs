@@ -7,7 +7,7 @@ mod origin;
 mod top_level;
 mod tree;
 
-use std::ops::Range;
+use std::{ops::Range, time::Duration};
 
 use glam::{UVec4, Vec3};
 use rayon::prelude::*;
@@ -89,8 +89,21 @@ pub struct PackedScene {
     pub bounds: [Vec3; 2],
     /// Origin of the world space of buffers and passes in that of the scene: zero unless the scene is far from its own.
     pub origin: Vec3,
+    /// What the alias tables and the light trees have cost.
+    pub light_costs: [LightCost; 2],
     origins: Origin,
     dynamics: Dynamics,
+}
+
+/// What a structure to choose lights by has cost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LightCost {
+    /// Time to build it for all meshes, as if one after the other.
+    pub build: Duration,
+    /// Time to build it over emitters for the present moment.
+    pub update: Duration,
+    /// Its memory.
+    pub bytes: u64,
 }
 
 /// A part of a scene buffer that has changed, in bytes.
@@ -215,6 +228,14 @@ impl PackedScene {
         let top = TopLevel::new(scene.instances.clone(), bounds, bvh.len());
         bvh.resize(bvh.len() + 2 * top.capacity_rows(), UVec4::ZERO);
         let has_lights = meshes.iter().any(|m| !m.lights.is_empty());
+        let words_over_emitters = [capacity.table_words(), capacity.light_words() - capacity.table_words()];
+        let light_costs = [0, 1].map(|structure| LightCost {
+            build: meshes.iter().map(|m| m.light_times[structure]).sum(),
+            update: Duration::ZERO,
+            bytes: 4
+                * (words_over_emitters[structure] as u64
+                    + meshes.iter().map(|m| m.light_words()[structure]).sum::<u64>()),
+        });
         let mut packed = Self {
             triangles,
             records: records.0,
@@ -225,6 +246,7 @@ impl PackedScene {
             features: Vec::new(),
             bounds: [Vec3::ZERO; 2],
             origin: origins.of_scene,
+            light_costs,
             origins,
             dynamics: Dynamics::new(top, starts, capacity, dynamic, has_lights),
         };
@@ -249,6 +271,12 @@ impl PackedScene {
     pub fn turn_environment(&mut self, rotation_deg: f32, scale: f32) {
         (self.frame.environment_sin, self.frame.environment_cos) = rotation_deg.to_radians().sin_cos();
         self.frame.environment_scale = scale;
+    }
+
+    /// Length of the diagonal of the scene at the present moment, in scene units; 1 without any.
+    pub fn diagonal(&self) -> f32 {
+        let length = self.bounds[0].distance(self.bounds[1]);
+        if length > 0.0 && length.is_finite() { length } else { 1.0 }
     }
 
     /// Whether anything moves over time.
@@ -277,7 +305,9 @@ impl PackedScene {
 
     /// What the scene has of what steps may need.
     pub fn has(&self) -> Vec<Need> {
-        if self.dynamics.has_lights || self.frame.environment_width > 0 { vec![Need::Lights] } else { Vec::new() }
+        let (has_triangles, has_environment) = (self.dynamics.has_lights, self.frame.environment_width > 0);
+        let needs = [(Need::Lights, has_triangles || has_environment), (Need::EmissiveTriangles, has_triangles)];
+        needs.into_iter().filter(|(_, has)| *has).map(|(need, _)| need).collect()
     }
 
     /// The buffers, for an executor.

@@ -126,6 +126,7 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
     let up = right.cross(forward);
     let half_height = (camera.vfov_deg.to_radians() * 0.5).tan();
     let half_width = half_height * request.width as f32 / request.height as f32;
+    let [presampled_columns, presampled_rows] = settings.records();
     Frame {
         width: request.width,
         height: request.height,
@@ -139,7 +140,7 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
         exposure: request.exposure,
         camera_forward: forward,
         candidates: settings.candidates,
-        pick_by_power: u32::from(settings.pick_by_power),
+        source: settings.source,
         reservoirs: settings.reservoirs,
         round: 0,
         choice: settings.choice,
@@ -163,13 +164,25 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
         occlusion_reach: settings.occlusion_reach_px,
         occlusion: settings.occlusion,
         candidates_off_lattice: settings.candidates_off_lattice,
+        presampled_columns,
+        presampled_rows,
+        // So that squares of it stay finite.
+        cell_size: (packed.diagonal() * settings.cell_size).min(1e18),
+        cell_candidates: settings.cell_candidates,
         ..packed.frame
     }
 }
 
 /// What the plan of a request depends on.
 pub fn facts_of(packed: &PackedScene, width: u32, height: u32, settings: &Settings) -> Facts {
-    Facts { width, height, reservoirs: settings.reservoirs, has: packed.has(), features: packed.features.clone() }
+    Facts {
+        width,
+        height,
+        reservoirs: settings.reservoirs,
+        records: settings.records(),
+        has: packed.has(),
+        features: packed.features.clone(),
+    }
 }
 
 /// Renders frames that reuse each other, as a viewer would, and returns the last: one sample a pixel, with no variance

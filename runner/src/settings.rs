@@ -4,7 +4,11 @@ mod knobs;
 mod preset;
 
 use thiserror::Error;
-use weir_shared::reuse::probe;
+use weir_shared::{
+    light::source,
+    presample::{LEVEL_CELLS, LEVELS},
+    reuse::probe,
+};
 
 use crate::exit::{Exit, HasExit};
 
@@ -58,8 +62,13 @@ impl Rays {
 #[expect(missing_docs, reason = "the knobs document the fields")]
 pub struct Settings {
     pub candidates: u32,
-    pub pick_by_power: bool,
+    pub source: u32,
     pub candidates_tree: u32,
+    pub tile_count: u32,
+    pub tile_size: u32,
+    pub cell_size: f32,
+    pub cell_slots: u32,
+    pub cell_candidates: u32,
     pub candidates_bsdf: u32,
     pub candidates_full: u32,
     pub candidates_off_lattice: u32,
@@ -166,6 +175,15 @@ impl Settings {
         Ok(())
     }
 
+    /// Columns and rows of records of lights drawn ahead; one of each where none are drawn.
+    pub fn records(&self) -> [u32; 2] {
+        match self.source {
+            source::TILES => [self.tile_size.next_power_of_two(), self.tile_count],
+            source::CELLS => [self.cell_slots, LEVELS * LEVEL_CELLS],
+            _ => [1; 2],
+        }
+    }
+
     /// Every knob with its value, in the order of [`KNOBS`]: what `--set` would make these settings again.
     pub fn describe(&self) -> Vec<(&'static str, String)> {
         KNOBS.iter().filter(|k| k.key != "preset").map(|k| (k.key, k.get(self))).collect()
@@ -181,7 +199,7 @@ mod tests {
         let mut settings = Settings::default();
         settings.apply("candidates.count=8").expect("in range");
         settings.apply(" candidates.source = uniform ").expect("in range");
-        assert_eq!((settings.candidates, settings.pick_by_power), (8, false));
+        assert_eq!((settings.candidates, settings.source), (8, source::UNIFORM));
         let text = |assignment: &str| Settings::default().apply(assignment).expect_err("refused").to_string();
         assert_eq!(text("candidates.count=0"), "`candidates.count` takes 1 to 4096, not `0`");
         assert_eq!(text("scene.time=NaN"), "`scene.time` takes -1000000 to 1000000, not `NaN`");

@@ -2,7 +2,10 @@
 
 use glam::{UVec4, Vec4};
 use weir_shader::wiring::Pass;
-use weir_shared::{merge::form, moments::Moments, reservoir::Reservoir, reuse::probe, surface::Surface};
+use weir_shared::{
+    light::source, merge::form, moments::Moments, presample::LightRecord, reservoir::Reservoir, reuse::probe,
+    surface::Surface,
+};
 
 use crate::{
     graph::{Facts, GraphError, Life, Need, Plan, Resource, Step, plan, step},
@@ -22,6 +25,7 @@ pub const RESOURCES: &[Resource] = &[
     Resource::new::<Surface>("surfaces", Life::History),
     Resource::new::<Vec4>("emitted", Life::Transient),
     Resource::reservoirs::<Reservoir>("bsdf_hits", Life::Transient),
+    Resource::records::<LightRecord>("presampled", Life::Transient),
     Resource::reservoirs::<Reservoir>("fresh", Life::Transient),
     Resource::reservoirs::<Reservoir>("fresh_visible", Life::Transient),
     Resource::reservoirs::<Reservoir>("temporal_marked", Life::Transient),
@@ -177,6 +181,13 @@ fn steps(technique: Technique, settings: &Settings, curve: ToneCurve) -> Vec<Ste
     let why_not =
         if settings.candidates_bsdf > 0 { "reuse does not know of visibility" } else { "`candidates.bsdf` is 0" };
     chain.push(step("bsdf_rays").only_if(technique.bsdf_rays(settings) > 0, why_not));
+    let presample = match settings.source {
+        source::CELLS => "presample_cells",
+        _ => "presample_tiles",
+    };
+    let draws_ahead = matches!(settings.source, source::TILES | source::CELLS);
+    let presample = step(presample).only_if(draws_ahead, "`candidates.source` draws no lights ahead");
+    chain.steps.push(presample.needs(Need::EmissiveTriangles));
     chain.push(step("candidates"));
     if reuses && rays.before() {
         chain.look("fresh_visible");
@@ -271,7 +282,14 @@ mod tests {
 
     /// Passes that shoot rays after the camera's, and how many of them a frame has.
     fn rays(technique: Technique, preset: Preset) -> [usize; 4] {
-        let facts = Facts { width: 8, height: 8, reservoirs: 1, has: vec![Need::Lights], features: Vec::new() };
+        let facts = Facts {
+            width: 8,
+            height: 8,
+            reservoirs: 1,
+            records: [1; 2],
+            has: vec![Need::Lights],
+            features: Vec::new(),
+        };
         let plan = direct_light(technique, &preset.settings(), &facts, ToneCurve::default(), &["display"]);
         let names = plan.expect("a frame").pass_names();
         ["bsdf_rays", "visibility", "temporal_rays", "spatial_rays"]
@@ -287,5 +305,32 @@ mod tests {
         assert_eq!(rays(Technique::RealTime, Preset::Quality), [1, 1, 1, 1]);
         assert_eq!(rays(Technique::RealTime, Preset::Paper), [0, 1, 1, 1]);
         assert_eq!(rays(Technique::Still, Preset::Balanced), [1, 4, 0, 3]);
+    }
+
+    #[test]
+    fn lights_are_drawn_ahead_only_where_they_are_asked_for_and_there_are_any() {
+        let plan_of = |source: &str, has: &[Need]| {
+            let mut settings = Settings::default();
+            settings.apply(&format!("candidates.source={source}")).expect("a source");
+            let records = settings.records();
+            let facts = Facts { width: 8, height: 8, reservoirs: 1, records, has: has.to_vec(), features: Vec::new() };
+            direct_light(Technique::Still, &settings, &facts, ToneCurve::default(), &["display"]).expect("a frame")
+        };
+        let all = [Need::Lights, Need::EmissiveTriangles];
+        for (source, pass, bytes) in
+            [("tiles", "presample_tiles", 64 * 128 * 1024), ("cells", "presample_cells", 64 * 32 * 6 * 512)]
+        {
+            let plan = plan_of(source, &all);
+            assert_eq!(
+                plan.pass_names().iter().filter(|name| name.starts_with("presample")).collect::<Vec<_>>(),
+                [&pass]
+            );
+            assert_eq!(plan.output_bytes("presampled"), Some(bytes));
+            assert!(!plan_of(source, &all[..1]).pass_names().contains(&pass), "a sky alone");
+        }
+        let plan = plan_of("power", &all);
+        assert_eq!(plan.output_bytes("presampled"), None);
+        assert!(plan.culled.iter().any(|(name, why)| *name == "presample_tiles" && why.to_string().contains("ahead")));
+        assert!(plan.frame_bytes() < 1 << 20, "no memory for what is not drawn: {}", plan.frame_bytes());
     }
 }

@@ -4,9 +4,10 @@ use glam::UVec2;
 use weir_shared::{
     environment, fault,
     frame::Frame,
-    light::{self, Address, ENVIRONMENT_BIT, NO_LIGHT},
+    light::{self, Address, ENVIRONMENT_BIT, NO_LIGHT, source},
     light_tree::Walk,
     numerics::{is_finite, load},
+    presample::{LightRecord, NO_ROW, cell_of, column_of, tile_of},
     resample::{Chooser, Stream, candidate_scale, survivor_scale},
     reservoir::Reservoir,
     reuse::is_on_lattice,
@@ -25,18 +26,21 @@ type Sample = (u32, u32);
 /// How many candidates each technique offers. They share one balance denominator.
 #[derive(Clone, Copy)]
 struct Shares {
+    /// By the scene's tables, at once or through lights drawn ahead.
     table: u32,
     tree: u32,
     environment: u32,
     bsdf: u32,
     /// Every emissive triangle once instead of drawing from the table.
     enumerate: bool,
+    /// The row of lights drawn ahead that the table's candidates come from, or [`NO_ROW`].
+    row: u32,
 }
 
 impl Shares {
     /// At least one for the table and for the environment where there is any, or that light would be missing; with both,
     /// a quarter of the candidates for the environment. Of the rest the light tree has as many as it may.
-    fn new<const ENVIRONMENT: bool>(frame: &Frame, px: UVec2) -> Self {
+    fn new<const ENVIRONMENT: bool>(frame: &Frame, px: UVec2, domain: &Domain) -> Self {
         let all = if is_on_lattice(frame, px) { frame.candidates } else { frame.candidates_off_lattice };
         let environment = if !ENVIRONMENT {
             0
@@ -47,10 +51,38 @@ impl Shares {
         };
         let triangles = if frame.light_count == 0 { 0 } else { (all - environment.min(all)).max(1) };
         let enumerate = frame.light_count <= triangles;
-        let tree = if enumerate { 0 } else { frame.candidates_tree.min(triangles - 1) };
+        let tree = if enumerate {
+            0
+        } else if frame.source == source::TREE {
+            triangles
+        } else {
+            frame.candidates_tree.min(triangles - 1)
+        };
         let table = if enumerate { frame.light_count } else { triangles - tree };
-        Self { table, tree, environment, bsdf: frame.candidates_bsdf, enumerate }
+        let row = if enumerate {
+            NO_ROW
+        } else if frame.source == source::TILES {
+            tile_of(frame, px)
+        } else if frame.source == source::CELLS {
+            cell_of(frame, domain.position)
+        } else {
+            NO_ROW
+        };
+        Self { table, tree, environment, bsdf: frame.candidates_bsdf, enumerate, row }
     }
+}
+
+/// Candidate `number` of a group of `count` from the lights drawn ahead.
+#[inline(always)]
+fn drawn_ahead(
+    frame: &Frame,
+    presampled: &[LightRecord],
+    shares: &Shares,
+    start: u32,
+    number: u32,
+    count: u32,
+) -> LightRecord {
+    load(presampled, frame.index_of_record(UVec2::new(column_of(frame, start, number, count), shares.row)))
 }
 
 /// Random numbers that a walk down the light tree may take, as a power of two of fours.
@@ -72,6 +104,7 @@ fn ahead(
     mut rng: Rng,
     walk_rng: Rng,
     bsdf_hits: &[Reservoir],
+    presampled: &[LightRecord],
 ) -> Party {
     let mut party = Party::new();
     if shares.tree == 0 {
@@ -83,8 +116,17 @@ fn ahead(
         party.add(walk(false, Address { emitter: 0, local: 0 }, walk_rng.skip(number << WALK_BITS)));
     }
     if !grouped {
-        for _ in 0..shares.table.min(Party::MOST as u32) {
-            // As the loop over candidates draws them: a point of the light, then the light.
+        // As the loop over candidates draws them.
+        let start = if shares.row == NO_ROW { 0 } else { rng.next_word() };
+        for number in 0..shares.table.min(Party::MOST as u32) {
+            if shares.row != NO_ROW {
+                let record = drawn_ahead(frame, presampled, shares, start, number, shares.table);
+                if record.has_light() {
+                    party.add(walk(true, record.address(), rng));
+                }
+                continue;
+            }
+            // A point of the light, then the light.
             rng.next_word();
             party.add(walk(true, light::pick(frame, scene, lights, rng.next_four()).address, rng));
         }
@@ -102,9 +144,14 @@ fn ahead(
 /// Offers light samples to a reservoir and keeps one; the zero reservoir for sky.
 ///
 /// The target p̂ is the mean over the colour channels of the unshadowed reflected radiance, per unit of (u, v).
-/// Techniques: emissive triangles by the scene's table, or each once if there are no more of them than candidates;
-/// emissive triangles by the light tree; texels of the environment; directions from the BSDF (`bsdf_hits`). A candidate has the weight p̂ / sum of N_t p_t over the
-/// techniques t that can draw it, all densities over (light, u, v): balance weights, multiplied out.
+/// Techniques: emissive triangles by the scene's tables, or each once if there are no more of them than candidates;
+/// emissive triangles by the light tree; texels of the environment; directions from the BSDF (`bsdf_hits`). A candidate
+/// has the weight p̂ / sum of N_t p_t over the techniques t that can draw it, all densities over (light, u, v): balance
+/// weights, multiplied out.
+///
+/// The tables' candidates may come from lights drawn ahead (`presampled`). In tiles they have the law of the tables. In
+/// cells their density is not known, but their contribution weight is; the tables' density stands for it in the balance
+/// weights, which may be any that sum to 1 for each light.
 ///
 /// With `frame.candidates_full` groups, candidates of the table compete within their group by a target that leaves the
 /// surface's reflection out, and only the survivors meet the full one, each with the contribution weight of its group.
@@ -118,13 +165,14 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
     lights: &[u32],
     surfaces: &[Surface],
     bsdf_hits: &[Reservoir],
+    presampled: &[LightRecord],
 ) -> Reservoir {
     let surface = load(surfaces, frame.index_of(px));
     if surface.is_sky() {
         return Reservoir::EMPTY;
     }
     let domain = Domain::new(frame.camera_origin, &surface);
-    let shares = Shares::new::<ENVIRONMENT>(frame, px);
+    let shares = Shares::new::<ENVIRONMENT>(frame, px, &domain);
     let mut rng = Rng::for_reservoir(px, reservoir, frame, Stage::Candidates);
     let choice = Rng::for_reservoir(px, reservoir, frame, Stage::CandidateChoice);
     let mut stream: Stream<f32, Sample, Chooser> = Stream::new((0, 0), Chooser::new(choice, frame.choice));
@@ -142,8 +190,11 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
         Stream::new((0, 0, 0.0), Chooser::new(group_rng, frame.choice));
     let walk_rng = Rng::for_reservoir(px, reservoir, frame, Stage::LightTree);
     #[cfg(not(target_arch = "spirv"))]
-    let mut party = ahead(px, reservoir, frame, scene, lights, &domain, &shares, grouped, rng, walk_rng, bsdf_hits);
+    let mut party =
+        ahead(px, reservoir, frame, scene, lights, &domain, &shares, grouped, rng, walk_rng, bsdf_hits, presampled);
     let (mut group, mut first, mut drawn) = (0, 0, 0);
+    // Where a group starts among the lights drawn ahead, as random bits.
+    let mut start = 0;
     let mut group_fault = fault::NONE;
     let mut i = 0;
     while i < total {
@@ -157,7 +208,20 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
         let (mut uv, mut pmf, mut survivor_ucw) = (0, 0.0, 0.0);
         let mut address = Address { emitter: 0, local: 0 };
         let mut address_known = false;
-        if is_drawn {
+        let mut record = LightRecord::EMPTY;
+        if is_drawn && shares.row != NO_ROW {
+            if drawn == first {
+                start = rng.next_word();
+            }
+            record = drawn_ahead(frame, presampled, &shares, start, drawn - first, group_end - first);
+            group_fault = group_fault.max(record.fault());
+            if record.has_light() {
+                (id, uv, pmf) = (record.light, record.uv, record.pmf);
+                address = record.address();
+                address_known = true;
+            }
+            drawn += 1;
+        } else if is_drawn {
             uv = rng.next_word();
             if shares.enumerate {
                 (id, pmf) = (drawn, 1.0 / shares.table as f32);
@@ -216,13 +280,17 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
         if id != NO_LIGHT {
             let point = if is_distant {
                 light::evaluate_environment(frame, scene, id, uv)
+            } else if record.has_light() {
+                record.point()
             } else {
                 light::evaluate_triangle::<TEXTURES>(frame, scene, light::place_of(frame, scene, address), uv)
             };
+            // Of a light drawn ahead: its contribution weight, in place of one over its probability.
+            let record_scale = if record.has_light() { record.scale } else { 1.0 };
             if meets_cheap_target {
                 let target = domain.cheap_target::<ENVIRONMENT>(&point);
                 let density = pmf * (group_end - first) as f32;
-                cheap.offer((id, uv, pmf), target, target * candidate_scale(density));
+                cheap.offer((id, uv, pmf), target, target * (candidate_scale(density) * record_scale));
             } else {
                 let is_pmf_known = is_drawn || is_survivor || is_distant || shares.enumerate;
                 if !is_pmf_known {
@@ -246,7 +314,7 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
                 } else {
                     candidate_scale(density)
                 };
-                stream.offer((id, uv), target, target * scale);
+                stream.offer((id, uv), target, target * (scale * record_scale));
             }
         }
         if is_survivor {

@@ -1,6 +1,6 @@
 //! The passes of weir, one file each, and the table that declares them.
 //!
-//! A pass is a plain function of a pixel (or of one of its reservoirs) and of read-only buffers that returns its own
+//! A pass is a plain function of a pixel (or of one of its reservoirs, or of a record of lights) and of read-only buffers that returns its own
 //! element of each output. One
 //! row of the table gives its GPU entry points, its host kernels and the list of its bindings; see [`wiring`] for
 //! what a row expands to.
@@ -16,6 +16,7 @@ pub mod bsdf_rays;
 pub mod candidates;
 mod collect;
 pub mod display;
+pub mod presample;
 pub mod present;
 pub mod primary;
 pub mod shade;
@@ -28,8 +29,10 @@ passes! {
         = primary::primary;
     reservoir bsdf_rays[TEXTURES ENVIRONMENT INSTANCES](scene, bvh: [UVec4], surfaces: [Surface])
         -> (bsdf_hits: [Reservoir]) = bsdf_rays::bsdf_rays;
+    record presample_tiles[TEXTURES](scene, lights: [u32]) -> (presampled: [LightRecord]) = presample::tiles;
+    record presample_cells[TEXTURES](scene, lights: [u32]) -> (presampled: [LightRecord]) = presample::cells;
     reservoir candidates[TEXTURES ENVIRONMENT SPECULAR](scene, lights: [u32], surfaces: [Surface],
-        bsdf_hits: [Reservoir]) -> (fresh: [Reservoir]) = candidates::candidates;
+        bsdf_hits: [Reservoir], presampled: [LightRecord]) -> (fresh: [Reservoir]) = candidates::candidates;
     reservoir visibility[TEXTURES ENVIRONMENT INSTANCES](scene, bvh: [UVec4], surfaces: [Surface],
         unseen: [Reservoir]) -> (visible: [Reservoir]) = visibility::visibility;
     reservoir temporal_rays[TEXTURES ENVIRONMENT INSTANCES](prev_frame, scene, bvh: [UVec4], surfaces: [Surface],

@@ -29,7 +29,8 @@
 //!
 //! in a module `entry::shade`, a host kernel with the same call in a module `kernel::shade`, and a row of `PASSES`.
 //! A row that starts with `reservoir` instead of `pixel` runs once for each reservoir of each pixel: the function gets its
-//! number after the pixel, and outputs have an element for each. The input `prev_frame` stands for the frame before, in
+//! number after the pixel, and outputs have an element for each. One that starts with `record` runs once for each record of
+//! lights drawn ahead: instead of the pixel the function gets column and row of the record. The input `prev_frame` stands for the frame before, in
 //! the same uniform. Binding numbers are consumed from a list, so they are dense by construction; the same types are checked on both
 //! sides by the call.
 
@@ -84,6 +85,10 @@ macro_rules! passes {
     (@variants $kind:ident $f:tt [] $i:tt $o:tt) => {
         $crate::passes!{ @$kind main $f [] $i $o }
     };
+    (@variants $kind:ident $f:tt [$a:ident] $i:tt $o:tt) => {
+        $crate::passes!{ @$kind o $f [false] $i $o }
+        $crate::passes!{ @$kind x $f [true] $i $o }
+    };
     (@variants $kind:ident $f:tt [$a:ident $b:ident $c:ident] $i:tt $o:tt) => {
         $crate::passes!{ @$kind ooo $f [false, false, false] $i $o }
         $crate::passes!{ @$kind xoo $f [true, false, false] $i $o }
@@ -95,6 +100,7 @@ macro_rules! passes {
         $crate::passes!{ @$kind xxx $f [true, true, true] $i $o }
     };
     (@table $name:ident []) => { &[$crate::passes!(@row $name main)] };
+    (@table $name:ident [$a:ident]) => { &[$crate::passes!(@row $name o), $crate::passes!(@row $name x)] };
     (@table $name:ident [$a:ident $b:ident $c:ident]) => {
         &[
             $crate::passes!(@row $name ooo), $crate::passes!(@row $name xoo),
@@ -112,17 +118,25 @@ macro_rules! passes {
 
     (@extent pixel) => { $crate::wiring::Extent::Pixels };
     (@extent reservoir) => { $crate::wiring::Extent::Reservoirs };
+    (@extent record) => { $crate::wiring::Extent::Records };
+
+    // Columns and rows that a pass runs over.
+    (@columns record $frame:ident) => { $frame.presampled_columns };
+    (@columns $extent:ident $frame:ident) => { $frame.width };
+    (@rows record $frame:ident) => { $frame.presampled_rows };
+    (@rows $extent:ident $frame:ident) => { $frame.height };
 
     // The call of a pass, and the index of its element.
-    (@call pixel $function:path, $px:ident, $number:expr, $frame:ident, [$($argument:tt)*]) => {{
-        let _ = $number;
-        $function($px, $frame, $($argument),*)
-    }};
     (@call reservoir $function:path, $px:ident, $number:expr, $frame:ident, [$($argument:tt)*]) => {
         $function($px, $number, $frame, $($argument),*)
     };
+    (@call $extent:ident $function:path, $px:ident, $number:expr, $frame:ident, [$($argument:tt)*]) => {{
+        let _ = $number;
+        $function($px, $frame, $($argument),*)
+    }};
     (@index pixel $px:ident, $number:expr, $frame:ident) => { $frame.index_of($px) };
     (@index reservoir $px:ident, $number:expr, $frame:ident) => { $frame.index_of_reservoir($px, $number) };
+    (@index record $px:ident, $number:expr, $frame:ident) => { $frame.index_of_record($px) };
 
     // The list of bindings, `scene` expanded.
     (@bindings $done:tt [prev_frame, $($rest:tt)*] $o:tt) => {
@@ -168,7 +182,7 @@ macro_rules! passes {
         ) {
             let px = id.truncate();
             let $frame = &$frames.now;
-            if px.x < $frame.width && px.y < $frame.height {
+            if px.x < $crate::passes!(@columns $extent $frame) && px.y < $crate::passes!(@rows $extent $frame) {
                 let value = $crate::passes!(@call $extent $crate::$file::$function::<$($flag),*>, px, id.z, $frame, [$($argument)*]);
                 store($output, $crate::passes!(@index $extent px, id.z, $frame), value);
             }
@@ -188,7 +202,7 @@ macro_rules! passes {
         ) {
             let px = id.truncate();
             let $frame = &$frames.now;
-            if px.x < $frame.width && px.y < $frame.height {
+            if px.x < $crate::passes!(@columns $extent $frame) && px.y < $crate::passes!(@rows $extent $frame) {
                 let value = $crate::passes!(@call $extent $crate::$file::$function::<$($flag),*>, px, id.z, $frame, [$($argument)*]);
                 let index = $crate::passes!(@index $extent px, id.z, $frame);
                 store($first, index, value.0);
@@ -304,8 +318,8 @@ pub mod prelude {
     pub use glam::{UVec3, UVec4, Vec4};
     pub use spirv_std::spirv;
     pub use weir_shared::{
-        frame::FramePair, moments::Moments, numerics::store, reservoir::Reservoir, scene::Scene, surface::Surface,
-        window::Window,
+        frame::FramePair, moments::Moments, numerics::store, presample::LightRecord, reservoir::Reservoir,
+        scene::Scene, surface::Surface, window::Window,
     };
 }
 
@@ -339,6 +353,37 @@ mod host {
         Pixels,
         /// One for each reservoir of each pixel.
         Reservoirs,
+        /// One for each record of lights drawn ahead.
+        Records,
+    }
+
+    /// Elements in rows and columns, and how many there are at each place.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub struct Grid {
+        /// Places in a row.
+        pub columns: u32,
+        /// Rows.
+        pub rows: u32,
+        /// Elements at each place.
+        pub depth: u32,
+    }
+
+    impl Grid {
+        /// Elements in all.
+        pub fn elements(&self) -> u64 {
+            u64::from(self.columns) * u64::from(self.rows) * u64::from(self.depth)
+        }
+    }
+
+    impl Extent {
+        /// What a pass of this extent runs over.
+        pub fn grid(self, frame: &Frame) -> Grid {
+            match self {
+                Self::Pixels => Grid { columns: frame.width, rows: frame.height, depth: 1 },
+                Self::Reservoirs => Grid { columns: frame.width, rows: frame.height, depth: frame.reservoirs },
+                Self::Records => Grid { columns: frame.presampled_columns, rows: frame.presampled_rows, depth: 1 },
+            }
+        }
     }
 
     impl std::fmt::Display for Extent {
@@ -346,6 +391,7 @@ mod host {
             f.write_str(match self {
                 Self::Pixels => "pixel",
                 Self::Reservoirs => "reservoir",
+                Self::Records => "record",
             })
         }
     }
@@ -430,7 +476,7 @@ mod host {
         }
     }
 
-    /// Consecutive rows of the image, walked in tiles of 8x8 pixels.
+    /// Consecutive rows of a [`Grid`], walked in tiles of 8x8 places.
     #[derive(Clone, Copy, Debug)]
     pub struct Band {
         /// First row.
@@ -442,19 +488,19 @@ mod host {
     }
 
     impl Band {
-        /// Calls `f` with the index within the band, the pixel, and the number of the reservoir.
+        /// Calls `f` with the index within the band, the place, and the number of the element there.
         #[inline(always)]
         pub fn for_each(&self, extent: Extent, frame: &Frame, mut f: impl FnMut(usize, UVec2, u32)) {
             const TILE: u32 = 8;
-            let numbers = if extent == Extent::Pixels { 1 } else { frame.reservoirs };
-            let (columns, rows) = (frame.width.div_ceil(TILE), self.rows.div_ceil(TILE));
+            let Grid { columns: width, depth: numbers, .. } = extent.grid(frame);
+            let (columns, rows) = (width.div_ceil(TILE), self.rows.div_ceil(TILE));
             for tile in 0..columns * rows {
                 let tile = if self.backwards { columns * rows - 1 - tile } else { tile };
                 let (x0, y0) = (tile % columns * TILE, tile / columns * TILE);
                 for y in y0..(y0 + TILE).min(self.rows) {
-                    for x in x0..(x0 + TILE).min(frame.width) {
+                    for x in x0..(x0 + TILE).min(width) {
                         for number in 0..numbers {
-                            let index = (y * numbers + number) * frame.width + x;
+                            let index = (y * numbers + number) * width + x;
                             f(index as usize, UVec2::new(x, self.first_row + y), number);
                         }
                     }
@@ -475,9 +521,10 @@ mod host {
             Self { reads: reads.iter(), writes: writes.iter_mut() }
         }
 
-        /// The next input.
+        /// The next input. Memory that others share may end within an element: that one is left out.
         pub fn read<T: Pod>(&mut self) -> &'a [T] {
-            bytemuck::cast_slice(self.reads.next().expect("an input for every binding"))
+            let bytes: &[u8] = self.reads.next().expect("an input for every binding");
+            bytemuck::cast_slice(&bytes[..bytes.len() / size_of::<T>() * size_of::<T>()])
         }
 
         /// The next output.

@@ -57,8 +57,8 @@ pub struct Frame {
 
     /// Light samples drawn for a pixel and frame; environment included.
     pub candidates: u32,
-    /// 1: lights are picked by power; 0: uniformly.
-    pub pick_by_power: u32,
+    /// Where light samples on emissive triangles are drawn from, see [`crate::light::source`].
+    pub source: u32,
     /// Where the environment's alias table starts in `lights`.
     pub environment_table_at: u32,
     /// Where the environment's radiance starts in `texels`.
@@ -124,7 +124,7 @@ pub struct Frame {
     pub occlusion: u32,
     /// Candidates of pixels that are not on the lattice.
     pub candidates_off_lattice: u32,
-    /// Candidates among [`Frame::candidates`] that come down the light tree; one at least is left to the table.
+    /// Candidates among [`Frame::candidates`] that come down the light tree; one at least is left to [`Frame::source`].
     pub candidates_tree: u32,
 
     /// Where the guide to emitters starts in `records`, see [`crate::light::address_of`].
@@ -135,9 +135,18 @@ pub struct Frame {
     pub padding: u32,
     /// Where the light tree over emitters starts in `lights`.
     pub light_tree_at: u32,
+
+    /// Records in a row of lights drawn ahead, see [`crate::presample`]; for tiles a power of two.
+    pub presampled_columns: u32,
+    /// Rows of such records: tiles or cells.
+    pub presampled_rows: u32,
+    /// Edge of the smallest cells, in scene units.
+    pub cell_size: f32,
+    /// Lights that are drawn for each record of a cell.
+    pub cell_candidates: u32,
 }
 
-const _: () = assert!(size_of::<Frame>() == 256 && offset_of!(Frame, environment_scale) == 144);
+const _: () = assert!(size_of::<Frame>() == 272 && offset_of!(Frame, environment_scale) == 144);
 
 /// The uniform of a step: the frame, and the one before it.
 ///
@@ -152,7 +161,7 @@ pub struct FramePair {
     pub prev: Frame,
 }
 
-const _: () = assert!(size_of::<FramePair>() == 512 && offset_of!(FramePair, prev) == 256);
+const _: () = assert!(size_of::<FramePair>() == 544 && offset_of!(FramePair, prev) == 272);
 
 impl FramePair {
     /// What the scene is asked by (instances, lights, acceleration structure, environment) in this frame or in that
@@ -187,6 +196,12 @@ impl Frame {
     #[inline(always)]
     pub fn index_of(&self, px: UVec2) -> u32 {
         px.y.wrapping_mul(self.width).wrapping_add(px.x)
+    }
+
+    /// Row-major index of a record of lights drawn ahead: its column and its row.
+    #[inline(always)]
+    pub fn index_of_record(&self, at: UVec2) -> u32 {
+        at.y.wrapping_mul(self.presampled_columns).wrapping_add(at.x)
     }
 
     /// Index of one of the reservoirs of a pixel: rows of pixels stay together.

@@ -19,6 +19,7 @@ pub mod merge;
 pub mod moments;
 pub mod numerics;
 pub mod octahedral;
+pub mod presample;
 pub mod ray;
 pub mod resample;
 pub mod reservoir;

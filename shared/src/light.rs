@@ -16,6 +16,20 @@ use crate::{
 /// Marks a light id as a texel of the environment.
 pub const ENVIRONMENT_BIT: u32 = 0x8000_0000;
 
+/// Where candidates on emissive triangles are drawn from.
+pub mod source {
+    /// All triangles alike.
+    pub const UNIFORM: u32 = 0;
+    /// The scene's alias tables: by power.
+    pub const POWER: u32 = 1;
+    /// Tiles of lights drawn ahead by power, see [`crate::presample`].
+    pub const TILES: u32 = 2;
+    /// Cells of space, with lights resampled for each, see [`crate::presample`].
+    pub const CELLS: u32 = 3;
+    /// The light tree alone, see [`crate::light_tree`].
+    pub const TREE: u32 = 4;
+}
+
 /// Where light comes from: a point of a light, evaluated.
 #[derive(Clone, Copy)]
 pub struct LightPoint {
@@ -272,10 +286,10 @@ pub struct Picked {
     pub pmf: f32,
 }
 
-/// An emissive triangle by the scene's tables, or uniformly, from four times 32 random bits.
+/// An emissive triangle by the scene's tables, or uniformly where [`source`] says so, from four times 32 random bits.
 #[inline(always)]
 pub fn pick(frame: &Frame, scene: &Scene, lights: &[u32], bits: [u32; 4]) -> Picked {
-    if frame.pick_by_power == 0 {
+    if frame.source == source::UNIFORM {
         let light = multiply_high(bits[0], frame.light_count);
         return Picked { address: address_of(frame, scene, light), pmf: 1.0 / frame.light_count as f32 };
     }
@@ -291,7 +305,7 @@ pub fn pick(frame: &Frame, scene: &Scene, lights: &[u32], bits: [u32; 4]) -> Pic
 /// Probability with which [`pick`] draws a light.
 #[inline(always)]
 pub fn pmf(frame: &Frame, scene: &Scene, lights: &[u32], address: Address) -> f32 {
-    if frame.pick_by_power == 0 {
+    if frame.source == source::UNIFORM {
         return 1.0 / frame.light_count as f32;
     }
     let instance = scene.emitter_word(frame, address.emitter, emitter_record::INSTANCE);

@@ -19,6 +19,9 @@ use crate::{
     scene::{Scene, emitter_record, instance_record},
 };
 
+#[cfg(not(target_arch = "spirv"))]
+use crate::light::{self, Place};
+
 #[cfg(all(not(target_arch = "spirv"), target_arch = "x86_64"))]
 pub mod simd;
 
@@ -123,7 +126,7 @@ impl Walk {
         }
     }
 
-    /// Past one node, and from the tree over emitters into that of a mesh.
+    /// Past one node, or from the tree over emitters into that of a mesh.
     #[inline(always)]
     fn step<N: Nodes>(&mut self, frame: &Frame, scene: &Scene, lights: &[u32], nodes: N) {
         if (self.link & LEAF) == 0 {
@@ -135,26 +138,26 @@ impl Walk {
             self.reached.pmf *= choice.part as f32 * (1.0 / ONE as f32);
             let link = node_field::LINK * WIDTH + choice.child;
             self.link = if choice.part > 0 { load(words, node + link) } else { LEAF };
+            self.is_done = !(self.reached.pmf > 0.0);
+        } else {
+            self.enter_mesh(frame, scene, lights);
         }
-        if (self.link & LEAF) != 0 && !self.is_mesh {
-            if self.reached.pmf > 0.0 {
-                self.enter_mesh(frame, scene, lights);
-            } else {
-                self.is_done = true;
-            }
-        }
-        if (self.link & LEAF) != 0 && self.is_mesh {
+        if self.is_mesh && !self.is_done && (self.link & LEAF) != 0 {
             self.arrive(frame, scene, lights);
         }
+    }
+
+    /// The emitter at a leaf of the tree over emitters.
+    #[inline(always)]
+    fn emitter(&self) -> u32 {
+        if self.has_goal { self.goal.emitter } else { self.link & !LEAF }
     }
 
     /// From a leaf of the tree over emitters to the root of its mesh.
     #[inline(always)]
     fn enter_mesh(&mut self, frame: &Frame, scene: &Scene, lights: &[u32]) {
-        if !self.has_goal {
-            self.reached.address.emitter = self.link & !LEAF;
-        }
-        let instance = instance_of(frame, scene, self.reached.address);
+        self.reached.address.emitter = self.emitter();
+        let instance = scene.emitter_word(frame, self.emitter(), emitter_record::INSTANCE);
         self.at = scene.instance_word(frame, instance, instance_record::LIGHT_TREE_AT);
         self.count = scene.instance_word(frame, instance, instance_record::LIGHT_COUNT);
         let record = scene.instance_at(frame, instance);
@@ -261,9 +264,26 @@ impl Party {
             is_done = true;
             for walk in self.walks().iter_mut().filter(|walk| !walk.is_done) {
                 walk.step(frame, scene, lights, nodes);
-                nodes.fetch(lights, walk.at + walk.count + (walk.link & !LEAF) * NODE_WORDS);
+                // What the next step asks for: a node, or the instance of an emitter.
+                if (walk.link & LEAF) == 0 {
+                    nodes.fetch(lights, walk.at + walk.count + walk.link * NODE_WORDS, NODE_WORDS);
+                } else if !walk.is_done {
+                    let instance = scene.emitter_word(frame, walk.emitter(), emitter_record::INSTANCE);
+                    nodes.fetch(scene.records, scene.instance_at(frame, instance), instance_record::WORDS);
+                }
                 is_done &= walk.is_done;
             }
+        }
+        // What they have led to is going to be evaluated: first which triangles these are, then the triangles.
+        for walk in self.walks().iter().filter(|walk| walk.reached.pmf > 0.0) {
+            let instance = instance_of(frame, scene, walk.reached.address);
+            let list = scene.instance_word(frame, instance, instance_record::LIGHT_LIST_AT);
+            nodes.fetch(scene.records, list + walk.reached.address.local, 1);
+        }
+        for walk in self.walks().iter().filter(|walk| walk.reached.pmf > 0.0) {
+            let Place { instance, triangle } = light::place_of(frame, scene, walk.reached.address);
+            nodes.fetch(scene.triangles, triangle * 9, 9);
+            nodes.fetch(scene.records, scene.attributes_at(frame, instance, triangle).0, 1);
         }
     }
 
@@ -316,9 +336,9 @@ pub trait Nodes: Copy {
         bits: u32,
     ) -> Choice;
 
-    /// The node at word `at` will be asked for soon, or none is there.
+    /// The `count` words from `at` on will be asked for soon.
     #[inline(always)]
-    fn fetch(self, _lights: &[u32], _at: u32) {}
+    fn fetch<T>(self, _words: &[T], _at: u32, _count: u32) {}
 }
 
 /// The choice for every processor.

@@ -20,6 +20,12 @@ pub enum Stage {
     BsdfRay = 7,
     /// Ways down the light tree.
     LightTree = 9,
+    /// Records of lights drawn ahead.
+    Presample = 10,
+    /// Which of the lights drawn for a record is kept.
+    PresampleChoice = 11,
+    /// Which tile of records a block of pixels has.
+    TileChoice = 12,
     /// Which inputs temporal reuse has.
     TemporalInputs = 4,
     /// Which sample temporal reuse keeps.

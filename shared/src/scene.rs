@@ -234,7 +234,7 @@ impl Scene<'_> {
 
     /// Where the attributes of a triangle start in `records`, and which there are.
     #[inline(always)]
-    fn attributes_at(&self, frame: &Frame, instance: u32, triangle: u32) -> (u32, u32) {
+    pub(crate) fn attributes_at(&self, frame: &Frame, instance: u32, triangle: u32) -> (u32, u32) {
         let at = self.instance_at(frame, instance);
         let flags = self.word(at + instance_record::FLAGS);
         let local = triangle - self.word(at + instance_record::FIRST_TRIANGLE);

@@ -4,7 +4,7 @@
 
 use glam::Vec4;
 use weir::{
-    crosscheck::{Check, Report, check},
+    crosscheck::{Check, Report, Row, check},
     executor::{
         cpu::CpuExecutor,
         gpu::{AdapterChoice, Gpu, GpuError, GpuExecutor, Loader, Module, adapters},
@@ -80,8 +80,12 @@ impl Case {
         let report = check(gpu, &what, &mut sequence, &shots).expect("the GPU works");
         println!("{knobs:?}\n{report}", knobs = settings.describe());
         assert_eq!(report.frames, 3);
-        let of_image = 3 * u64::from(WIDTH * HEIGHT);
-        assert!(report.rows.iter().all(|row| row.pixels.is_multiple_of(of_image) && row.pixels > 0), "{report}");
+        let [columns, rows] = settings.records();
+        let whole = |row: &Row| {
+            let elements = if row.buffer == "presampled" { columns * rows } else { WIDTH * HEIGHT };
+            row.pixels > 0 && row.pixels.is_multiple_of(3 * u64::from(elements))
+        };
+        assert!(report.rows.iter().all(whole), "{report}");
         report
     }
 
@@ -140,6 +144,21 @@ fn cases() -> Vec<Case> {
             Technique::RealTime,
             &["rays=both", "reuse.mis=balance", "reuse.resolution=checkerboard", "reservoirs.choice=plain"],
         ),
+        of_variety(
+            Technique::Candidates,
+            &["candidates.source=tiles", "candidates.count=3", "candidates.tree=1", "tiles.count=3", "tiles.size=16"],
+        ),
+        of_variety(
+            Technique::Candidates,
+            &[
+                "candidates.source=cells",
+                "candidates.count=4",
+                "candidates.tree=0",
+                "candidates.full=2",
+                "cells.slots=3",
+            ],
+        ),
+        of_variety(Technique::Candidates, &["candidates.source=tree", "candidates.count=2"]),
         of_variety(Technique::Still, &["rays=none", "reuse.mis=1/m", "still.rounds=1", "camera.jitter=off"]),
         of_variety(
             Technique::RealTime,

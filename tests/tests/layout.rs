@@ -18,6 +18,7 @@ use weir_shader::{
 use weir_shared::{
     frame::{Frame, FramePair},
     moments::Moments,
+    presample::LightRecord,
     reservoir::Reservoir,
     surface::Surface,
     window::Window,
@@ -103,7 +104,7 @@ fn frame_fields() -> Fields {
         emitter_count,
         light_count,
         candidates,
-        pick_by_power,
+        source,
         environment_table_at,
         environment_texels_at,
         environment_width,
@@ -138,6 +139,10 @@ fn frame_fields() -> Fields {
         light_guide_shift,
         padding,
         light_tree_at,
+        presampled_columns,
+        presampled_rows,
+        cell_size,
+        cell_candidates,
     })
 }
 
@@ -173,6 +178,9 @@ fn fields_of(resource: &str) -> Option<Fields> {
         })),
         "bsdf_hits" | "fresh" | "unseen" | "visible" | "marked" | "merged" | "merging" | "reservoirs" => {
             Some(fields!(Reservoir { light, uv, ucw, state }))
+        }
+        "presampled" => {
+            Some(fields!(LightRecord { position, light, area, uv, radiance, pmf, scale, state, emitter, local }))
         }
         "moments" => Some(fields!(Moments { mean, count, carry, faults, deviation, fault })),
         _ => None,

@@ -47,12 +47,30 @@ const KNOWN: &[(&str, Technique, &str)] = &[
     ("chain:paper", Technique::RealTime, "preset=paper"),
 ];
 
+/// Sources of candidates that [`Method::sources`] compares.
+const SOURCES: &[&str] = &[
+    "candidates.source=uniform",
+    "candidates.source=power",
+    "candidates.source=tiles",
+    "candidates.source=cells",
+    "candidates.source=tree",
+    "candidates.tree=3",
+];
+
+/// What they are compared as.
+const SOURCES_AS: &[&str] = &[
+    "ris:candidates.count=1,candidates.tree=0,candidates.bsdf=0",
+    "ris:candidates.count=8,candidates.tree=0,candidates.bsdf=0",
+    "still:candidates.count=4,candidates.tree=0",
+    "chain:candidates.count=4,candidates.tree=0",
+];
+
 /// A method that cannot be measured.
 #[derive(Debug, Error, PartialEq, Eq)]
 pub enum MethodError {
     /// No such name.
     #[error(
-        "there is no method `{name}`; there are {known}, or `still:` and `chain:` with knobs, as in still:candidates.count=8,still.rounds=1"
+        "there is no method `{name}`; there are {known}, `sources` for all of those that compare sources of candidates, or `ris:`, `still:` and `chain:` with knobs, as in still:candidates.count=8,still.rounds=1"
     )]
     Unknown {
         /// What was asked for.
@@ -77,7 +95,7 @@ impl HasExit for MethodError {
 }
 
 impl Method {
-    /// A method by its name, see [`Method::all`]; or `still:` or `chain:` and knobs, set apart by commas.
+    /// A method by its name, see [`Method::all`]; or `ris:`, `still:` or `chain:` and knobs, set apart by commas.
     ///
     /// # Errors
     /// If there is none of that name, or a knob is wrong.
@@ -85,7 +103,7 @@ impl Method {
         if let Some((_, technique, knobs)) = KNOWN.iter().find(|known| known.0 == name) {
             return Self::new(name, *technique, knobs.split(' '));
         }
-        let kinds = [("still:", Technique::Still), ("chain:", Technique::RealTime)];
+        let kinds = [("ris:", Technique::Candidates), ("still:", Technique::Still), ("chain:", Technique::RealTime)];
         let custom = kinds.iter().find_map(|(prefix, technique)| Some((*technique, name.strip_prefix(prefix)?)));
         match custom {
             Some((technique, knobs)) if knobs.contains('=') => Self::new(name, technique, knobs.split(',')),
@@ -113,6 +131,16 @@ impl Method {
         }
         settings.check().map_err(wrong)?;
         Ok(Self { name: name.to_owned(), technique, knobs, settings })
+    }
+
+    /// Those that compare sources of candidates: each alone, as candidates of resampling, as those of reuse between
+    /// pixels, and as those of frames in real time.
+    ///
+    /// # Panics
+    /// As [`Method::all`].
+    pub fn sources() -> Vec<Self> {
+        let ways = SOURCES_AS.iter().flat_map(|way| SOURCES.iter().map(move |source| format!("{way},{source}")));
+        ways.map(|name| Self::named(&name).expect("the table names knobs that exist")).collect()
     }
 
     /// All that have a name.
@@ -170,6 +198,15 @@ mod tests {
         let own = Method::named("chain:candidates.count=8,temporal.cap=4").expect("knobs");
         assert_eq!((own.settings.candidates, own.settings.confidence_cap), (8, 4));
         assert!(own.technique == Technique::RealTime && !own.settings.jitter && own.settings.time_step_s == 0.0);
+    }
+
+    #[test]
+    fn sources_are_compared_in_each_way() {
+        let methods = Method::sources();
+        assert_eq!(methods.len(), SOURCES.len() * SOURCES_AS.len());
+        for (method, source) in methods.iter().zip(SOURCES.iter().cycle()) {
+            assert!(method.name.ends_with(source), "{}", method.name);
+        }
     }
 
     #[test]

@@ -28,7 +28,8 @@ pub struct BenchArguments {
     /// A scene, with its camera file after a comma if it needs one; again for each. Built-in ones if not given
     #[arg(long = "scene", value_name = "SCENE[,CAMERA.json]")]
     scenes: Vec<String>,
-    /// Methods, set apart by blanks: those that `--list` shows, or `still:` or `chain:` and knobs. All if not given
+    /// Methods, set apart by blanks: those that `--list` shows, `sources` (each source of candidates alone, as candidates
+    /// of resampling, and as those of reuse), or `ris:`, `still:` or `chain:` and knobs. All that have a name if not given
     #[arg(long = "method", value_name = "NAME", num_args = 1..)]
     methods: Vec<String>,
     /// List the methods
@@ -132,7 +133,11 @@ fn plan_of(arguments: &BenchArguments, deadline: Option<Instant>) -> anyhow::Res
     let methods: Vec<Method> = if arguments.methods.is_empty() {
         Method::all()
     } else {
-        arguments.methods.iter().map(|name| Method::named(name)).collect::<Result<_, _>>()?
+        let named = arguments.methods.iter().map(|name| match name.as_str() {
+            "sources" => Ok(Method::sources()),
+            name => Ok(vec![Method::named(name)?]),
+        });
+        named.collect::<anyhow::Result<Vec<_>>>()?.concat()
     };
     let built_in = ["rooms", "park", "cornell"].map(String::from).to_vec();
     let names = if arguments.scenes.is_empty() { &built_in } else { &arguments.scenes };

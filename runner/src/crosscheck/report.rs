@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use weir_shared::frame::Frame;
+use weir_shader::wiring::Grid;
 
 use crate::{
     executor::gpu::{Gpu, Loader, Module},
@@ -54,7 +54,7 @@ pub struct Row {
 pub struct Difference {
     /// Number of the frame.
     pub frame: u32,
-    /// Column and row of the pixel.
+    /// Column and row of the pixel, or of the record of a light.
     pub pixel: [u32; 2],
     /// Which word of the pixel's element.
     pub word: usize,
@@ -101,7 +101,7 @@ impl Report {
         pass: &'static str,
         (buffer, stride): (&'static str, usize),
         floats: u32,
-        frame: &Frame,
+        (frame, grid): (u32, Grid),
         gpu: &[u32],
         host: &[u32],
     ) {
@@ -109,8 +109,6 @@ impl Report {
             return;
         };
         let words = stride / 4;
-        // Rows of pixels, or of one reservoir of each pixel of a row.
-        let rows = (host.len() / words) as u32 / frame.width;
         row.words += host.len() as u64;
         row.pixels += (host.len() / words) as u64;
         for (i, (on_gpu, on_host)) in gpu.chunks_exact(words).zip(host.chunks_exact(words)).enumerate() {
@@ -122,8 +120,8 @@ impl Report {
             for (word, (&gpu, &host)) in on_gpu.iter().zip(on_host).enumerate().filter(|(_, (g, h))| g != h) {
                 row.differing_words += 1;
                 let float = floats >> word & 1 == 1;
-                let pixel = [i as u32 % frame.width, i as u32 / frame.width * frame.height / rows];
-                row.first.get_or_insert(Difference { frame: frame.index, pixel, word, float, gpu, host });
+                let pixel = [i as u32 % grid.columns, i as u32 / grid.columns / grid.depth];
+                row.first.get_or_insert(Difference { frame, pixel, word, float, gpu, host });
                 if float {
                     let (absolute, relative) = distance(f32::from_bits(gpu), f32::from_bits(host));
                     row.largest_absolute = row.largest_absolute.max(absolute);

@@ -6,7 +6,7 @@ use std::{
 };
 
 use rayon::prelude::*;
-use weir_shader::wiring::{Access, Band, Buffers, Extent};
+use weir_shader::wiring::{Access, Band, Buffers};
 use weir_shared::frame::FramePair;
 
 use super::{AlignedBytes, SceneBuffers};
@@ -133,25 +133,25 @@ impl CpuExecutor {
     }
 }
 
-/// Runs one pass over all pixels, with inputs and outputs in the order of its bindings.
+/// Runs one pass over all of its grid, with inputs and outputs in the order of its bindings.
 pub fn run_kernel(step: &Planned, frames: &FramePair, order: Order, inputs: &[&[u8]], outputs: Vec<&mut [u8]>) {
     let frames = step.frames(frames);
     let frame = &frames.now;
     let rows = order.band_rows.max(1);
-    let per_pixel = if step.pass.extent == Extent::Pixels { 1 } else { frame.reservoirs as usize };
+    let grid = step.pass.extent.grid(frame);
     // Each band gets its own rows of every output.
-    let bands = frame.height.div_ceil(rows) as usize;
+    let bands = grid.rows.div_ceil(rows) as usize;
     let mut parts: Vec<Vec<&mut [u8]>> = (0..bands).map(|_| Vec::new()).collect();
     for (output, (_, stride)) in outputs.into_iter().zip(step.writes()) {
-        let row_bytes = stride * per_pixel * frame.width as usize;
-        let used = row_bytes * frame.height as usize;
+        let row_bytes = stride * grid.depth as usize * grid.columns as usize;
+        let used = row_bytes * grid.rows as usize;
         for (part, chunk) in parts.iter_mut().zip(output[..used].chunks_mut(row_bytes * rows as usize)) {
             part.push(chunk);
         }
     }
     parts.into_par_iter().enumerate().for_each(|(i, mut writes)| {
         let first_row = i as u32 * rows;
-        let band = Band { first_row, rows: rows.min(frame.height - first_row), backwards: order.backwards };
+        let band = Band { first_row, rows: rows.min(grid.rows - first_row), backwards: order.backwards };
         (step.variant.run)(&frames, band, Buffers::new(inputs, &mut writes));
     });
 }

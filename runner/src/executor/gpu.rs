@@ -12,7 +12,6 @@ mod timing;
 
 use std::{collections::VecDeque, ops::Range, time::Duration};
 
-use weir_shader::wiring::Extent;
 use weir_shared::frame::FramePair;
 
 pub use adapter::{AdapterChoice, AdapterFacts, Gpu, adapters, instance};
@@ -148,7 +147,7 @@ impl GpuExecutor {
     }
 
     fn record(&self, timer: Option<&Timer>) -> wgpu::CommandBuffer {
-        let groups = |pixels: u32| pixels.div_ceil(pipelines::WORKGROUP);
+        let groups = |places: u32| places.div_ceil(pipelines::WORKGROUP);
         let mut encoder =
             self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
         for (i, step) in self.steps.iter().enumerate() {
@@ -158,8 +157,8 @@ impl GpuExecutor {
             });
             pass.set_pipeline(&step.pipeline);
             pass.set_bind_group(0, &step.bind_groups[self.frames & 1], &[]);
-            let deep = if step.extent == Extent::Pixels { 1 } else { self.plan.facts.reservoirs };
-            pass.dispatch_workgroups(groups(self.plan.facts.width), groups(self.plan.facts.height), deep);
+            let grid = self.plan.facts.grid(step.extent);
+            pass.dispatch_workgroups(groups(grid.columns), groups(grid.rows), grid.depth);
         }
         if let Some(timer) = timer {
             timer.resolve(&mut encoder);

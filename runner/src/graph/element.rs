@@ -4,7 +4,7 @@ use core::mem::offset_of;
 
 use bytemuck::Pod;
 use glam::{UVec4, Vec4};
-use weir_shared::{moments::Moments, reservoir::Reservoir, surface::Surface};
+use weir_shared::{moments::Moments, presample::LightRecord, reservoir::Reservoir, surface::Surface};
 
 /// A type that fills buffers: whole words, each an integer or a float.
 pub trait Element: Pod {
@@ -36,6 +36,11 @@ impl Element for UVec4 {
 impl Element for Surface {
     const FLOAT_WORDS: u32 =
         words(offset_of!(Self, position), 3) | words(offset_of!(Self, error), 1) | words(offset_of!(Self, diffuse), 3);
+}
+
+impl Element for LightRecord {
+    const FLOAT_WORDS: u32 =
+        words(offset_of!(Self, position), 3) | words(offset_of!(Self, area), 3) | words(offset_of!(Self, radiance), 5);
 }
 
 impl Element for Reservoir {

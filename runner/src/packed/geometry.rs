@@ -1,5 +1,7 @@
 //! One mesh: its acceleration structure, and everything else in the order of its leaves.
 
+use std::time::{Duration, Instant};
+
 use glam::{UVec4, Vec3};
 use obvhs::aabb::Aabb;
 use weir_shared::{
@@ -25,6 +27,8 @@ pub(super) struct PackedMesh {
     pub(super) light_table: Vec<u32>,
     /// Light tree over them, if the mesh has one.
     pub(super) light_tree: Option<Vec<u32>>,
+    /// How long table and tree took to build.
+    pub(super) light_times: [Duration; 2],
     /// What is known of all of them; their power is the sum of the weights of the table.
     pub(super) light_bounds: LightBounds,
     /// Lower and upper corner, object space.
@@ -83,6 +87,9 @@ impl PackedMesh {
                 light_bounds.push(LightBounds::triangle([a, b, c], material.two_sided_emission, weight));
             }
         }
+        let start = Instant::now();
+        let light_table = alias::build(&weights).unwrap_or_default();
+        let table_time = start.elapsed();
         let (light_tree, light_bounds) = if has_light_tree {
             let (words, bounds) = light_tree::build(&light_bounds);
             (Some(words), bounds)
@@ -95,11 +102,19 @@ impl PackedMesh {
             attributes,
             flags,
             lights,
-            light_table: alias::build(&weights).unwrap_or_default(),
+            light_table,
             light_tree,
+            light_times: [table_time, start.elapsed() - table_time],
             light_bounds,
             bounds,
         }
+    }
+}
+
+impl PackedMesh {
+    /// Words of table and tree.
+    pub(super) fn light_words(&self) -> [u64; 2] {
+        [self.light_table.len() as u64, self.light_tree.as_ref().map_or(0, |tree| tree.len() as u64)]
     }
 }
 

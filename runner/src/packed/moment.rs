@@ -3,7 +3,7 @@
 //! All of it lies in two blocks of each buffer, one for the frame that is computed and one for the frame before it, which
 //! reuse in time asks about. The blocks take turns.
 
-use std::collections::HashMap;
+use std::{collections::HashMap, time::Instant};
 
 use glam::{Mat4, Vec3};
 use weir_shared::{
@@ -210,10 +210,13 @@ impl PackedScene {
         if !weights.iter().any(|&w| w > 0.0) {
             weights.fill(1.0);
         }
+        let start = Instant::now();
         let table = alias::build(&weights).unwrap_or_default();
         self.lights[..table.len()].copy_from_slice(&table);
+        self.light_costs[0].update = start.elapsed();
         let (tree, _) = light_tree::build(&bounds);
         self.lights[capacity.table_words()..][..tree.len()].copy_from_slice(&tree);
+        self.light_costs[1].update = start.elapsed() - self.light_costs[0].update;
         self.frame.light_tree_at = capacity.table_words() as u32;
         let first_row = self.dynamics.top.first_row + half * self.dynamics.top.capacity_rows();
         self.bvh[first_row..first_row + placed.nodes.len()].copy_from_slice(&placed.nodes);

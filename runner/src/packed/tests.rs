@@ -333,7 +333,7 @@ fn the_probability_of_a_light_is_the_one_it_is_picked_with_and_hits_know_their_l
     let packed = PackedScene::new(&row_of_soups(), 0.0).expect("packs");
     let (view, frame) = (view(&packed), packed.frame);
     for by_power in [0, 1] {
-        let frame = Frame { pick_by_power: by_power, ..frame };
+        let frame = Frame { source: by_power, ..frame };
         for i in 0..2_000 {
             let picked = light::pick(&frame, &view, &packed.lights, pcg4d(i, 1, 2, 3));
             assert_eq!(picked.pmf, light::pmf(&frame, &view, &packed.lights, picked.address));

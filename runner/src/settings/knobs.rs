@@ -2,7 +2,7 @@
 
 use std::{fmt::Display, str::FromStr};
 
-use weir_shared::{merge::form, resample::choice, reuse::lattice, reuse::rule, target::occlusion};
+use weir_shared::{light::source, merge::form, resample::choice, reuse::lattice, reuse::rule, target::occlusion};
 
 use super::{Preset, Rays, Settings};
 use crate::technique::MAX_ROUNDS;
@@ -71,7 +71,13 @@ fn with_preset(settings: &Settings, preset: Preset) -> Settings {
     Settings { jitter, path_length, time_s, time_step_s, ..preset.settings() }
 }
 
-const SOURCES: &[(&str, bool)] = &[("power", true), ("uniform", false)];
+const SOURCES: &[(&str, u32)] = &[
+    ("power", source::POWER),
+    ("uniform", source::UNIFORM),
+    ("tiles", source::TILES),
+    ("cells", source::CELLS),
+    ("tree", source::TREE),
+];
 const SWITCH: &[(&str, bool)] = &[("on", true), ("off", false)];
 const CHOICES: &[(&str, u32)] = &[("threshold", choice::THRESHOLD), ("plain", choice::PLAIN), ("keys", choice::KEYS)];
 const RAYS: &[(&str, Rays)] = &[
@@ -127,12 +133,16 @@ pub const KNOBS: &[Knob] = &[
     },
     Knob {
         key: "candidates.source",
-        values: "power or uniform",
+        values: "power, uniform, tiles, cells or tree",
         help: "how these are drawn from the emissive triangles. power: by emitted power, less noise where some \
                lights are much brighter than others; uniform: all alike, less noise where the brightest are out of \
-               sight",
-        set: |s, text| named(&mut s.pick_by_power, text, SOURCES),
-        get: |s| name_of(s.pick_by_power, SOURCES),
+               sight; tiles: from lights drawn ahead by power, a tile of which each block of 8x8 pixels shares, the same \
+               law in less time where lights are more than a cache holds, but neighbours get the same ones; cells: from \
+               lights resampled for cells of space around the camera, near ones more often, for time that does not \
+               depend on the size of the picture; tree: down the light tree alone, near and facing ones more often, for \
+               time on each",
+        set: |s, text| named(&mut s.source, text, SOURCES),
+        get: |s| name_of(s.source, SOURCES),
     },
     Knob {
         key: "candidates.tree",
@@ -168,6 +178,45 @@ pub const KNOBS: &[Knob] = &[
                faster frames",
         set: |s, text| number(&mut s.candidates_off_lattice, text, 1, 4096),
         get: |s| text(s.candidates_off_lattice),
+    },
+    Knob {
+        key: "tiles.count",
+        values: "1 to 4096",
+        help: "tiles of `candidates.source=tiles`. More: fewer blocks of pixels that have the same lights in a frame; \
+               less: less time and memory for drawing ahead",
+        set: |s, text| number(&mut s.tile_count, text, 1, 4096),
+        get: |s| text(s.tile_count),
+    },
+    Knob {
+        key: "tiles.size",
+        values: "1 to 4096",
+        help: "lights of each tile, rounded up to a power of two. More: less alike within a block of pixels; less: less time and memory for drawing \
+               ahead",
+        set: |s, text| number(&mut s.tile_size, text, 1, 4096),
+        get: |s| text(s.tile_size),
+    },
+    Knob {
+        key: "cells.size",
+        values: "0.0001 to 10",
+        help: "edge of the smallest cells of `candidates.source=cells`, as a share of the diagonal of the scene; eight of \
+               them stand in a row around the camera, then come cells of twice the edge, and so on, six times in all. \
+               More: cells reach further; less: they know better which lights are near",
+        set: |s, text| number(&mut s.cell_size, text, 1e-4, 10.0),
+        get: |s| text(s.cell_size),
+    },
+    Knob {
+        key: "cells.slots",
+        values: "1 to 256",
+        help: "lights that are kept for each cell. More: less alike within a cell; less: less time and memory",
+        set: |s, text| number(&mut s.cell_slots, text, 1, 256),
+        get: |s| text(s.cell_slots),
+    },
+    Knob {
+        key: "cells.candidates",
+        values: "1 to 256",
+        help: "lights drawn by power for each that a cell keeps. More: closer to what matters there; less: less time",
+        set: |s, text| number(&mut s.cell_candidates, text, 1, 256),
+        get: |s| text(s.cell_candidates),
     },
     Knob {
         key: "reservoirs.count",

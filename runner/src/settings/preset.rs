@@ -1,6 +1,6 @@
 //! Settings that go together.
 
-use weir_shared::{merge::form, resample::choice, reuse::lattice, reuse::rule, target::occlusion};
+use weir_shared::{light::source, merge::form, resample::choice, reuse::lattice, reuse::rule, target::occlusion};
 
 use super::{Rays, Settings};
 
@@ -35,8 +35,13 @@ impl Preset {
     pub fn settings(self) -> Settings {
         let balanced = Settings {
             candidates: 4,
-            pick_by_power: true,
+            source: source::POWER,
             candidates_tree: 3,
+            tile_count: 128,
+            tile_size: 1024,
+            cell_size: 0.02,
+            cell_slots: 32,
+            cell_candidates: 8,
             candidates_bsdf: 1,
             candidates_full: 0,
             candidates_off_lattice: 2,

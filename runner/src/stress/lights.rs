@@ -1,5 +1,7 @@
 //! Lights and their distributions.
 
+use std::iter;
+
 use glam::Vec3;
 use weir_shared::reservoir::Reservoir;
 
@@ -133,6 +135,15 @@ pub(super) const CASES: &[Case] = &[
 
 const BOTH: [Technique; 2] = [Technique::Still, Technique::RealTime];
 
+/// Every source of candidates, with fewer of them than there are lights; drawing ahead for small pictures.
+const SOURCES: [&[&str]; 5] = [
+    &["candidates.count=1"],
+    &["candidates.count=1", "candidates.source=uniform"],
+    &["candidates.count=1", "candidates.source=tiles", "tiles.count=4", "tiles.size=32"],
+    &["candidates.count=1", "candidates.source=cells", "cells.slots=4"],
+    &["candidates.count=1", "candidates.source=tree"],
+];
+
 fn few_lights(backend: &Backend<'_>) -> Found {
     let mut findings = Vec::new();
     let mut stage = Stage::floor();
@@ -173,11 +184,10 @@ fn all_off(backend: &Backend<'_>) -> Found {
     let off = Moment { emission: (0..3).map(|i| (i, Vec3::ZERO)).collect(), ..Moment::default() };
     let camera = scene.camera.expect("it has one");
     let mut findings = Vec::new();
-    for technique in BOTH {
-        let take = Take {
-            shots: vec![Shot { moment: off.clone(), camera }; 3],
-            ..Take::still(&scene, technique, &["candidates.count=2"])
-        };
+    let pairs = BOTH.iter().flat_map(|technique| SOURCES.iter().map(move |knobs| (*technique, *knobs)));
+    for (technique, knobs) in pairs {
+        let take =
+            Take { shots: vec![Shot { moment: off.clone(), camera }; 3], ..Take::still(&scene, technique, knobs) };
         let mut clip = Clip::new(backend, &take)?;
         (0..3).try_for_each(|i| clip.show(i, |frames| frames.now.accumulated = i as u32))?;
         let still = super::clip::Still { moments: clip.output("moments")?, frames: Vec::new() };
@@ -209,9 +219,13 @@ fn degenerate_lamps(backend: &Backend<'_>) -> Found {
     for (a, b) in [(Vec3::X, Vec3::X), (Vec3::ZERO, Vec3::Z), (Vec3::ZERO, Vec3::ZERO), (Vec3::X, Vec3::X * 2.0)] {
         stage.panel(Vec3::new(0.1, 1.5, 0.1), a, b, lamp.clone());
     }
-    let (still, formula) = stage.measured(backend, Technique::Still, &[], 32)?;
-    let (agrees, text) = still.total().agrees(&formula, 0.03);
-    Ok(still.finding(agrees, text))
+    let mut findings = Vec::new();
+    for knobs in iter::once(&[] as &[&str]).chain(SOURCES) {
+        let (still, formula) = stage.measured(backend, Technique::Still, knobs, 32)?;
+        let (agrees, text) = still.total().agrees(&formula, 0.03);
+        findings.push(still.finding(agrees, text));
+    }
+    Ok(Finding::all(findings))
 }
 
 fn lamp_in_the_floor(backend: &Backend<'_>) -> Found {
@@ -257,9 +271,17 @@ fn textured(backend: &Backend<'_>) -> Found {
     let mut findings = Vec::new();
     for (name, scene) in [("texel", stage.scene), ("mask", lamp_above_a_floor(Lamp::Masked))] {
         let take = Take::still(&scene, Technique::Still, &["candidates.count=16", "camera.jitter=off"]);
+        let judged = take.judged(0, 8192)?;
         let still = Clip::new(backend, &take)?.stills(128)?;
-        let (agrees, text) = still.total().agrees(&take.judged(0, 8192)?, 0.05);
+        let (agrees, text) = still.total().agrees(&judged, 0.05);
         findings.push(still.finding(agrees, format!("{name} {text}")));
+        // From lights drawn ahead, texels have their say then.
+        for knobs in &SOURCES[2..4] {
+            let knobs = [*knobs, &["camera.jitter=off"]].concat();
+            let still = Clip::new(backend, &Take::still(&scene, Technique::Still, &knobs))?.stills(256)?;
+            let (agrees, text) = still.total().agrees(&judged, 0.08);
+            findings.push(still.finding(agrees, format!("{name} {} {text}", knobs[1])));
+        }
     }
     Ok(Finding::all(findings))
 }

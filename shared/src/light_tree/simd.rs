@@ -36,12 +36,13 @@ impl Nodes for WideNodes {
     }
 
     #[inline(always)]
-    fn fetch(self, lights: &[u32], at: u32) {
-        let first = lights.as_ptr().wrapping_add(at as usize);
-        for line in 0..6 {
+    fn fetch<T>(self, words: &[T], at: u32, count: u32) {
+        const LINE_WORDS: u32 = 16;
+        let first = words.as_ptr().wrapping_add(at as usize);
+        for line in 0..=count / LINE_WORDS {
             // A prefetch does not fault, whatever the address.
             // SAFETY: every processor of this architecture has the instruction.
-            unsafe { _mm_prefetch::<_MM_HINT_T0>(first.wrapping_add(line * 16).cast()) };
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(first.wrapping_add((line * LINE_WORDS) as usize).cast()) };
         }
     }
 }

@@ -1,11 +1,19 @@
 //! The weight W of the candidate that is kept stands for the measure of (light, u, v): its mean over a cell, zero
 //! counted where the candidate is elsewhere, is the size of the cell.
 
+use glam::UVec2;
 use rayon::prelude::*;
 use weir_shader::{bsdf_rays::bsdf_rays, candidates::candidates};
 use weir_shared::{
-    alias, frame::Frame, light_tree::NO_TREE, resample::choice, reservoir::Reservoir, reuse::lattice,
-    scene::instance_record::LIGHT_TREE_AT,
+    alias,
+    frame::Frame,
+    light::source,
+    light_tree::NO_TREE,
+    presample::{LEVEL_CELLS, LEVELS, LightRecord, cell_of, cell_record, tile_of, tile_record},
+    resample::choice,
+    reservoir::Reservoir,
+    reuse::lattice,
+    scene::{Scene, instance_record::LIGHT_TREE_AT},
 };
 use weir_tests::statistics::Sums;
 
@@ -18,10 +26,10 @@ const PART: u32 = 1_000;
 type Kind = (&'static str, fn(&mut Frame));
 
 /// From the table alone to everything at once. There are ten lamps.
-const KINDS: [Kind; 9] = [
+const KINDS: [Kind; 16] = [
     ("table", |f| f.candidates = 8),
     ("each lamp once", |f| f.candidates = 16),
-    ("uniform", |f| (f.candidates, f.pick_by_power) = (8, 0)),
+    ("uniform", |f| (f.candidates, f.source) = (8, source::UNIFORM)),
     ("table and tree", tree),
     ("table, tree and BSDF", all),
     ("table and BSDF", |f| (f.candidates, f.candidates_bsdf) = (8, 1)),
@@ -31,6 +39,22 @@ const KINDS: [Kind; 9] = [
         // Enough for the table to have more than there are groups.
         (f.candidates_tree, f.candidates_full, f.choice) = (2, 2, choice::PLAIN);
     }),
+    ("tiles", |f| tiles(f, 8)),
+    ("tiles of fewer lights than candidates", |f| tiles(f, 2)),
+    ("tiles, tree and BSDF", |f| {
+        all(f);
+        tiles(f, 8);
+    }),
+    ("tiles in groups", |f| {
+        (f.candidates_full, f.choice) = (3, choice::KEYS);
+        tiles(f, 16);
+    }),
+    ("cells", cells),
+    ("cells, tree and BSDF", |f| {
+        all(f);
+        cells(f);
+    }),
+    ("tree alone", |f| (f.candidates, f.source) = (4, source::TREE)),
     ("off the lattice", |f| {
         all(f);
         (f.lattice, f.candidates_off_lattice) = (lattice::CHECKERBOARD, 2);
@@ -39,6 +63,34 @@ const KINDS: [Kind; 9] = [
 
 fn tree(frame: &mut Frame) {
     (frame.candidates, frame.candidates_tree) = (8, 6);
+}
+
+fn tiles(frame: &mut Frame, columns: u32) {
+    (frame.candidates, frame.source) = (8, source::TILES);
+    (frame.presampled_columns, frame.presampled_rows) = (columns, 3);
+}
+
+/// The surface is in the second level of cells.
+fn cells(frame: &mut Frame) {
+    (frame.candidates, frame.source) = (8, source::CELLS);
+    (frame.presampled_columns, frame.presampled_rows) = (6, LEVELS * LEVEL_CELLS);
+    (frame.cell_size, frame.cell_candidates) = (0.4, 3);
+}
+
+/// Draws ahead what the surface asks for.
+fn draw_ahead(bench: &Bench, frame: &Frame, presampled: &mut Vec<LightRecord>) {
+    let (view, lights) = (bench.view(), &bench.packed.lights);
+    let record: fn(UVec2, &Frame, &Scene, &[u32]) -> LightRecord = match frame.source {
+        source::TILES => tile_record::<false>,
+        source::CELLS => cell_record::<false>,
+        _ => return,
+    };
+    let row = if frame.source == source::TILES { tile_of(frame, PX) } else { cell_of(frame, bench.domain().position) };
+    presampled.resize((frame.presampled_columns * frame.presampled_rows) as usize, LightRecord::EMPTY);
+    for column in 0..frame.presampled_columns {
+        let at = UVec2::new(column, row);
+        presampled[frame.index_of_record(at) as usize] = record(at, frame, &view, lights);
+    }
 }
 
 fn all(frame: &mut Frame) {
@@ -94,8 +146,7 @@ fn deviation(
 ) -> (usize, f64) {
     let means = Means::new(bench, cells);
     let (view, surfaces, lights) = (bench.view(), &bench.surfaces, &bench.packed.lights);
-    let trials = |sums: Sums, index: u32| {
-        let mut sums = sums;
+    let trials = |(mut sums, mut presampled): (Sums, Vec<LightRecord>), index: u32| {
         let mut frame = bench.frame(index);
         kind(&mut frame);
         let mut hits = [Reservoir::EMPTY; 4];
@@ -108,17 +159,20 @@ fn deviation(
             };
             hits[frame.index_of(PX) as usize] = spoil(index, hit);
         }
+        draw_ahead(bench, &frame, &mut presampled);
         let kept = if bench.has_sky() {
-            candidates::<false, true, true>(PX, 0, &frame, &view, lights, surfaces, &hits)
+            candidates::<false, true, true>(PX, 0, &frame, &view, lights, surfaces, &hits, &presampled)
         } else {
-            candidates::<false, false, true>(PX, 0, &frame, &view, lights, surfaces, &hits)
+            candidates::<false, false, true>(PX, 0, &frame, &view, lights, surfaces, &hits, &presampled)
         };
         means.add(&mut sums, kept);
-        sums
+        (sums, presampled)
     };
     let none = || Sums::new(means.quantities());
-    let parts: Vec<Sums> =
-        (0..parts).into_par_iter().map(|p| (p * PART..(p + 1) * PART).fold(none(), trials)).collect();
+    let parts: Vec<Sums> = (0..parts)
+        .into_par_iter()
+        .map(|p| (p * PART..(p + 1) * PART).fold((none(), vec![LightRecord::EMPTY]), trials).0)
+        .collect();
     parts.iter().fold(none(), |all, part| all.merged(part)).worst(&means.expected())
 }
 
@@ -178,6 +232,7 @@ fn an_error_of_three_percent_in_a_density_is_seen() {
     let emitters = bench.packed.frame.emitter_count;
     spoil_table(&mut bench.packed.lights, 0, emitters);
     see("table", &bench, all, fine);
+    see("table of tiles", &bench, |f| tiles(f, 8), fine);
 
     let mut bench = Bench::new(true, 0.3, 0.5);
     let Frame { environment_table_at, environment_width, environment_height, .. } = bench.packed.frame;

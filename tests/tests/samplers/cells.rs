@@ -5,7 +5,7 @@ use weir::packed::PackedScene;
 use weir_shared::{
     bvh::unoccluded,
     frame::Frame,
-    light::{self, ENVIRONMENT_BIT, LightPoint},
+    light::{self, ENVIRONMENT_BIT, LightPoint, source},
     numerics::{pack_cell, pack_unorm16},
     octahedral,
     scene::Scene as SceneView,
@@ -49,7 +49,7 @@ impl Bench {
             height: 2,
             reservoirs: 1,
             camera_origin: Vec3::new(0.6, 1.0, 2.0),
-            pick_by_power: 1,
+            source: source::POWER,
             ..packed.frame
         };
         let surface = Surface {

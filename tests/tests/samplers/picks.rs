@@ -1,6 +1,13 @@
 //! Picks from tables.
 
-use weir_shared::{environment, frame::Frame, light, rng::pcg4d};
+use glam::UVec2;
+use weir_shared::{
+    environment,
+    frame::Frame,
+    light::{self, source},
+    presample::tile_record,
+    rng::pcg4d,
+};
 use weir_tests::statistics::misfit;
 
 use crate::cells::Bench;
@@ -43,14 +50,50 @@ fn texels_of_the_sky_are_picked_as_often_as_reported() {
 #[test]
 fn lamps_are_picked_as_often_as_reported_by_power_and_uniformly() {
     let bench = Bench::new(false, 0.0, 1.0);
-    for pick_by_power in [0, 1] {
-        let (frame, view) = (Frame { pick_by_power, ..bench.packed.frame }, bench.view());
+    for source in [source::UNIFORM, source::POWER] {
+        let (frame, view) = (Frame { source, ..bench.packed.frame }, bench.view());
         let lights = &bench.packed.lights;
         let pmf = |light| f64::from(light::pmf(&frame, &view, lights, light::address_of(&frame, &view, light)));
         let pmf: Vec<f64> = (0..frame.light_count).map(pmf).collect();
         let observed = frequencies(frame.light_count, |bits| {
             light::light_at(&frame, &view, light::pick(&frame, &view, lights, bits).address)
         });
-        assert!(fits(&observed, &pmf), "by power {pick_by_power}: {observed:?} for {pmf:?}");
+        assert!(fits(&observed, &pmf), "source {source}: {observed:?} for {pmf:?}");
+    }
+}
+
+#[test]
+fn any_record_of_a_tile_is_a_lamp_as_often_as_reported_and_a_tile_has_its_parts() {
+    let bench = Bench::new(false, 0.0, 1.0);
+    let (view, lights) = (bench.view(), &bench.packed.lights);
+    let columns = 16;
+    let tiles = PICKS / columns / 8;
+    let frame = Frame { presampled_columns: columns, presampled_rows: tiles, ..bench.packed.frame };
+    let pmf = |light| f64::from(light::pmf(&frame, &view, lights, light::address_of(&frame, &view, light)));
+    let pmf: Vec<f64> = (0..frame.light_count).map(pmf).collect();
+    let mut counts = vec![0.0; pmf.len()];
+    let mut emitters = vec![[0u32; 2]; frame.emitter_count as usize];
+    for tile in 0..tiles {
+        let mut of_tile = vec![0u32; emitters.len()];
+        for column in 0..columns {
+            let record = tile_record::<false>(UVec2::new(column, tile), &frame, &view, lights);
+            assert_eq!(f64::from(record.pmf), pmf[record.light as usize]);
+            assert_eq!((record.scale, light::light_at(&frame, &view, record.address())), (1.0, record.light));
+            counts[record.light as usize] += f64::from(PICKS) / f64::from(tiles * columns);
+            of_tile[record.emitter as usize] += 1;
+        }
+        for (seen, count) in emitters.iter_mut().zip(of_tile) {
+            *seen = [seen[0] + count, seen[1] + count * count];
+        }
+    }
+    // Counts of a sample eight times smaller, scaled: the bound is wide enough for that, and the check below says so.
+    assert!(counts.iter().zip(&pmf).all(|(c, p)| (c / f64::from(PICKS) - p).abs() < 0.004), "{counts:?} for {pmf:?}");
+    // By strata, an emitter is in a tile nearly as often as it should be: far less spread than without.
+    for [sum, squares] in emitters {
+        let mean = f64::from(sum) / f64::from(tiles);
+        let variance = f64::from(squares) / f64::from(tiles) - mean * mean;
+        let share = mean / f64::from(columns);
+        let independent = f64::from(columns) * share * (1.0 - share);
+        assert!(variance < 0.8 * independent, "{variance} of {independent}");
     }
 }

@@ -1,0 +1,187 @@
+//! What each source of candidates costs: `cargo bench --bench sources -- [SCENE.obj CAMERA.json] [--curve]`.
+//!
+//! On the CPU at 320x180, frames in turns, medians of 9. For each scene (`rooms`, `park`, and one from a file if it is
+//! named): time to build and to update, memory a light, time for drawing ahead, and time a sample. With `--curve` also the
+//! time of a frame in real time for 100 to 3.4 million lights in `park`.
+
+use std::{path::Path, time::Duration};
+
+use weir::{
+    bench::lights::with_lights,
+    executor::cpu::CpuExecutor,
+    graph::Plan,
+    packed::{LightCost, PackedScene},
+    render::{Request, facts_of, frame_of},
+    scene::{
+        Camera, Scene, builtin, camera,
+        load::{self, LoadOptions},
+    },
+    sequence::Sequence,
+    settings::Settings,
+    technique::{Technique, direct_light},
+};
+use weir_shared::{
+    frame::{Frame, FramePair},
+    presample::LightRecord,
+};
+
+type Failure = Box<dyn std::error::Error>;
+
+/// Frames that count, after as many that don't.
+const FRAMES: usize = 9;
+const SIZE: [u32; 2] = [320, 180];
+/// Samples of a pixel by which the time of one is found.
+const SAMPLES: u32 = 32;
+
+const SOURCES: [&str; 5] = ["uniform", "power", "tiles", "cells", "tree"];
+
+fn settings(knobs: &[&str]) -> Result<Settings, Failure> {
+    let mut settings = Settings::default();
+    for knob in knobs {
+        settings.apply(knob)?;
+    }
+    settings.check()?;
+    Ok(settings)
+}
+
+/// Independent frames without reuse, of one source.
+struct Ris {
+    source: &'static str,
+    plan: Plan,
+    executor: CpuExecutor,
+    frame: Frame,
+    passes: Vec<Vec<(&'static str, Duration)>>,
+}
+
+impl Ris {
+    fn new(packed: &PackedScene, camera: Camera, source: &'static str) -> Result<Self, Failure> {
+        let (count, from) = (format!("candidates.count={SAMPLES}"), format!("candidates.source={source}"));
+        let settings = settings(&[&count, &from, "candidates.tree=0", "candidates.bsdf=0"])?;
+        let request = Request { seed: 1, ..Request::new(camera, SIZE, Technique::Candidates, settings) };
+        let facts = facts_of(packed, request.width, request.height, &request.settings);
+        let plan = direct_light(request.technique, &request.settings, &facts, request.curve, &["fresh"])?;
+        let frame = frame_of(packed, &request);
+        Ok(Self { source, executor: CpuExecutor::new(&plan), plan, frame, passes: Vec::new() })
+    }
+
+    fn step(&mut self, packed: &PackedScene) {
+        let pair = FramePair { now: self.frame, prev: self.frame };
+        self.passes.push(self.executor.run(&self.plan, packed.buffers(), &pair));
+        self.frame.index += 1;
+    }
+
+    /// Median of the passes whose names start so, in milliseconds.
+    fn pass_ms(&self, name: &str) -> f64 {
+        median_ms(
+            self.passes[FRAMES..]
+                .iter()
+                .map(|frame| frame.iter().filter(|(pass, _)| pass.starts_with(name)).map(|(_, time)| *time).sum()),
+        )
+    }
+}
+
+fn median_ms(times: impl Iterator<Item = Duration>) -> f64 {
+    let mut times: Vec<f64> = times.map(|t| t.as_secs_f64() * 1e3).collect();
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
+}
+
+fn costs(name: &str, scene: &Scene, camera: Camera) -> Result<(), Failure> {
+    let mut packed = PackedScene::new(scene, 0.0)?;
+    let lights = f64::from(packed.frame.light_count);
+    let mut updates: Vec<[LightCost; 2]> = Vec::new();
+    // The time that an update takes is known for scenes that move, and for all from packing.
+    for i in 0..FRAMES {
+        packed.set_time(i as f32 / 60.0)?;
+        updates.push(packed.light_costs);
+    }
+    let update = |structure: usize| median_ms(updates.iter().map(|costs| costs[structure].update));
+    let mut all = Vec::new();
+    for source in SOURCES {
+        all.push(Ris::new(&packed, camera, source)?);
+    }
+    for _ in 0..2 * FRAMES {
+        all.iter_mut().for_each(|ris| ris.step(&packed));
+    }
+    println!("\n{name}, {lights} emissive triangles, {} emitters", packed.frame.emitter_count);
+    println!("| source | build, ms | update, ms | bytes a light | drawn ahead, ms a frame | ns a sample |");
+    println!("|---|---|---|---|---|---|");
+    for ris in &all {
+        let structure = match ris.source {
+            "uniform" => None,
+            "tree" => Some(1),
+            _ => Some(0),
+        };
+        let cost = structure.map_or(LightCost::default(), |i| packed.light_costs[i]);
+        let records = u64::from(ris.frame.presampled_columns) * u64::from(ris.frame.presampled_rows);
+        let drawn_ahead = if records > 1 { records * size_of::<LightRecord>() as u64 } else { 0 };
+        let samples = f64::from(SIZE[0] * SIZE[1] * SAMPLES);
+        println!(
+            "| {} | {:.2} | {:.2} | {:.1} | {:.1} | {:.0} |",
+            ris.source,
+            cost.build.as_secs_f64() * 1e3,
+            structure.map_or(0.0, update),
+            (cost.bytes + drawn_ahead) as f64 / lights,
+            ris.pass_ms("presample"),
+            ris.pass_ms("candidates") * 1e6 / samples,
+        );
+    }
+    Ok(())
+}
+
+/// Time of a frame in real time against lights, for each source alone and for the default.
+fn curve(park: &Scene, camera: Camera) -> Result<(), Failure> {
+    let counts = [100, 1000, 10_000, 100_000, 1_000_000, u64::MAX];
+    let scenes: Vec<Scene> = counts.iter().map(|&count| with_lights(park, count)).collect();
+    let mut knobs: Vec<[String; 2]> =
+        SOURCES.iter().map(|source| [format!("candidates.source={source}"), "candidates.tree=0".to_owned()]).collect();
+    knobs.push(["candidates.source=power".to_owned(), "candidates.tree=3".to_owned()]);
+    println!("\npark, ms a frame in real time");
+    print!("| lights |");
+    knobs.iter().for_each(|knobs| print!(" {} |", knobs.join(" ")));
+    println!("\n|---|{}", "---|".repeat(knobs.len()));
+    for scene in &scenes {
+        let mut packed: Vec<PackedScene> =
+            knobs.iter().map(|_| PackedScene::new(scene, 0.0)).collect::<Result<_, _>>()?;
+        let lights = packed[0].frame.light_count;
+        let mut chains = Vec::new();
+        for (packed, knobs) in packed.iter_mut().zip(&knobs) {
+            let settings = settings(&[&knobs[0], &knobs[1]])?;
+            let request = Request { seed: 1, ..Request::new(camera, SIZE, Technique::RealTime, settings) };
+            let facts = facts_of(packed, request.width, request.height, &request.settings);
+            let plan = direct_light(request.technique, &request.settings, &facts, request.curve, &["display"])?;
+            chains.push((CpuExecutor::new(&plan), plan, Sequence::new(packed, request), Vec::new()));
+        }
+        for count in 0..2 * FRAMES as u32 {
+            for (executor, plan, sequence, times) in &mut chains {
+                let start = std::time::Instant::now();
+                let (frames, _) = sequence.next(&sequence.shot(count))?;
+                executor.run(plan, sequence.packed().buffers(), &frames);
+                times.push(start.elapsed());
+            }
+        }
+        print!("| {lights} |");
+        chains.iter().for_each(|chain| print!(" {:.0} |", median_ms(chain.3[FRAMES..].iter().copied())));
+        println!();
+    }
+    Ok(())
+}
+
+fn main() -> Result<(), Failure> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let files: Vec<&String> = arguments.iter().filter(|a| !a.starts_with("--")).collect();
+    println!("{}x{}, {} threads, medians of {FRAMES} frames in turns", SIZE[0], SIZE[1], rayon::current_num_threads());
+    for name in ["rooms", "park"] {
+        let scene = (builtin::find(name).ok_or("a built-in scene is gone")?.build)();
+        let camera = scene.camera.ok_or("it suggests no camera")?;
+        costs(name, &scene, camera)?;
+        if name == "park" && arguments.iter().any(|a| a == "--curve") {
+            curve(&scene, camera)?;
+        }
+    }
+    if let [scene, camera] = files[..] {
+        let loaded = load::load(Path::new(scene), &LoadOptions::default())?;
+        costs(&loaded.scene.name, &loaded.scene, camera::load(Path::new(camera))?)?;
+    }
+    Ok(())
+}
