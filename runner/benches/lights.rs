@@ -70,7 +70,7 @@ fn request(scene: &Scene, technique: Technique, knobs: &[&str]) -> Result<Reques
 /// Where the next uniform comes from.
 enum Frames<'a> {
     /// Independent frames of a scene that stands still.
-    Still(&'a PackedScene, Frame),
+    Still(&'a PackedScene, Box<Frame>),
     /// Frames that reuse each other, of a scene that moves.
     RealTime(Box<Sequence<&'a mut PackedScene>>),
 }
@@ -94,7 +94,7 @@ impl<'a> Chain<'a> {
             Frames::RealTime(Box::new(Sequence::new(packed, request.clone())))
         } else {
             let first = frame_of(packed, request);
-            Frames::Still(packed, first)
+            Frames::Still(packed, Box::new(first))
         };
         Ok(Self { executor: CpuExecutor::new(&plan), plan, frames, count: 0, times: Vec::new(), passes: Vec::new() })
     }
@@ -104,7 +104,7 @@ impl<'a> Chain<'a> {
         let start = Instant::now();
         let passes = match &mut self.frames {
             Frames::Still(packed, frame) => {
-                let passes = self.executor.run(&self.plan, packed.buffers(), &FramePair { now: *frame, prev: *frame });
+                let passes = self.executor.run(&self.plan, packed.buffers(), &FramePair { now: **frame, prev: **frame });
                 frame.index += 1;
                 frame.accumulated += 1;
                 passes
