@@ -104,7 +104,8 @@ impl<'a> Chain<'a> {
         let start = Instant::now();
         let passes = match &mut self.frames {
             Frames::Still(packed, frame) => {
-                let passes = self.executor.run(&self.plan, packed.buffers(), &FramePair { now: **frame, prev: **frame });
+                let passes =
+                    self.executor.run(&self.plan, packed.buffers(), &FramePair { now: **frame, prev: **frame });
                 frame.index += 1;
                 frame.accumulated += 1;
                 passes
