@@ -179,6 +179,9 @@ fn main() -> Result<(), Failure> {
             curve(&scene, camera)?;
         }
     }
+    if files.len() == 1 {
+        return Err("a scene from a file needs a camera file after it".into());
+    }
     if let [scene, camera] = files[..] {
         let loaded = load::load(Path::new(scene), &LoadOptions::default())?;
         costs(&loaded.scene.name, &loaded.scene, camera::load(Path::new(camera))?)?;

@@ -14,7 +14,7 @@ use crate::{
     executor::gpu::GpuError,
     exit::{Exit, HasExit},
     faults::Faults,
-    graph::{Facts, GraphError},
+    graph::{Facts, GraphError, Need},
     margin::Margin,
     output::Picture,
     packed::{PackError, PackedScene},
@@ -126,7 +126,7 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
     let up = right.cross(forward);
     let half_height = (camera.vfov_deg.to_radians() * 0.5).tan();
     let half_width = half_height * request.width as f32 / request.height as f32;
-    let [presampled_columns, presampled_rows] = settings.records();
+    let [presampled_columns, presampled_rows] = records_of(packed, settings);
     Frame {
         width: request.width,
         height: request.height,
@@ -167,10 +167,15 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
         presampled_columns,
         presampled_rows,
         // So that squares of it stay finite.
-        cell_size: (packed.diagonal() * settings.cell_size).min(1e18),
+        cell_size: (packed.diagonal() * settings.cell_size).min(1e17),
         cell_candidates: settings.cell_candidates,
         ..packed.frame
     }
+}
+
+/// Columns and rows of records of lights drawn ahead; one of each where none are drawn.
+fn records_of(packed: &PackedScene, settings: &Settings) -> [u32; 2] {
+    if packed.has().contains(&Need::EmissiveTriangles) { settings.records() } else { [1; 2] }
 }
 
 /// What the plan of a request depends on.
@@ -179,7 +184,7 @@ pub fn facts_of(packed: &PackedScene, width: u32, height: u32, settings: &Settin
         width,
         height,
         reservoirs: settings.reservoirs,
-        records: settings.records(),
+        records: records_of(packed, settings),
         has: packed.has(),
         features: packed.features.clone(),
     }

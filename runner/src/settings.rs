@@ -6,7 +6,7 @@ mod preset;
 use thiserror::Error;
 use weir_shared::{
     light::source,
-    presample::{LEVEL_CELLS, LEVELS},
+    presample::{LEVEL_CELLS, LEVELS, LightRecord},
     reuse::probe,
 };
 
@@ -14,6 +14,9 @@ use crate::exit::{Exit, HasExit};
 
 pub use knobs::{KNOBS, Knob};
 pub use preset::Preset;
+
+/// Most records of lights drawn ahead: those of 128 MiB.
+const MOST_RECORDS: u32 = (128 << 20) / size_of::<LightRecord>() as u32;
 
 /// Shadow rays: where in the frame, and whether reuse knows of them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -172,6 +175,13 @@ impl Settings {
                  do not ask; set `rays=speed`",
             ));
         }
+        let [columns, rows] = self.records();
+        if columns * rows > MOST_RECORDS {
+            return Err(SettingError::Together(
+                "`tiles.count` times `tiles.size`, which is rounded up to a power of two, is above 2097152: more lights \
+                 drawn ahead than a buffer of 128 MiB holds",
+            ));
+        }
         Ok(())
     }
 
@@ -205,6 +215,21 @@ mod tests {
         assert_eq!(text("scene.time=NaN"), "`scene.time` takes -1000000 to 1000000, not `NaN`");
         assert!(text("candidates=8").contains("there are `preset`, `candidates.count`"));
         assert!(text("candidates").contains("key=value"));
+    }
+
+    #[test]
+    fn more_tiles_than_a_buffer_holds_are_refused() {
+        let mut settings = Settings::default();
+        ["tiles.count=4096", "tiles.size=1000"].iter().for_each(|knob| settings.apply(knob).expect("in range"));
+        settings.check().expect("no tiles");
+        settings.apply("candidates.source=tiles").expect("in range");
+        assert_eq!(settings.records(), [1024, 4096]);
+        assert!(settings.check().expect_err("refused").to_string().contains("2097152"));
+        settings.apply("tiles.size=512").expect("in range");
+        settings.check().expect("128 MiB");
+        settings.apply("candidates.source=cells").expect("in range");
+        settings.apply("cells.slots=256").expect("in range");
+        settings.check().expect("48 MiB");
     }
 
     #[test]

@@ -38,7 +38,8 @@ struct Shares {
 }
 
 impl Shares {
-    /// At least one for the table and for the environment where there is any, or that light would be missing; with both,
+    /// At least one for the table, or for the tree if that is the source, and for the environment where there is any, or
+    /// that light would be missing; with both,
     /// a quarter of the candidates for the environment. Of the rest the light tree has as many as it may.
     fn new<const ENVIRONMENT: bool>(frame: &Frame, px: UVec2, domain: &Domain) -> Self {
         let all = if is_on_lattice(frame, px) { frame.candidates } else { frame.candidates_off_lattice };

@@ -124,7 +124,8 @@ pub struct Frame {
     pub occlusion: u32,
     /// Candidates of pixels that are not on the lattice.
     pub candidates_off_lattice: u32,
-    /// Candidates among [`Frame::candidates`] that come down the light tree; one at least is left to [`Frame::source`].
+    /// Candidates among [`Frame::candidates`] that come down the light tree; one at least is left to
+    /// [`Frame::source`], which may be the tree as well.
     pub candidates_tree: u32,
 
     /// Where the guide to emitters starts in `records`, see [`crate::light::address_of`].

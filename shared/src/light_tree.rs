@@ -37,7 +37,7 @@ pub mod node_field {
     pub const CENTER: u32 = 0;
     /// Radius of that sphere.
     pub const RADIUS: u32 = 3;
-    /// Emitted power, as a share of the whole tree's.
+    /// Emitted power, as a share of the whole tree's, at least 1e-30 where there is any.
     pub const POWER: u32 = 4;
     /// Axis of a cone around all normals, times the cosine of its half angle, three fields; zero if that is a right angle
     /// or more.
@@ -357,11 +357,18 @@ impl Nodes for PortableNodes {
         goal: u32,
         bits: u32,
     ) -> Choice {
-        let first_sums = running_sums(importances(words, node, position, normal));
-        let second_sums = running_sums(importances(words, node + 4, position, normal)) + first_sums.w;
+        let first = importances(words, node, position, normal);
+        let second = importances(words, node + 4, position, normal);
+        let first_sums = running_sums(first);
+        let second_sums = running_sums(second) + first_sums.w;
+        // One part for each child that may matter at all, the others in proportion.
+        let first_counts = running_counts(first);
+        let second_counts = running_counts(second) + UVec4::splat(first_counts.w);
+        let rest = (ONE - second_counts.w) as f32;
         // Not times 1 / total: the last sum must come out as exactly one.
         let total = max(second_sums.w, 1e-30);
-        let (first_bounds, second_bounds) = (parts(first_sums, total), parts(second_sums, total));
+        let first_bounds = parts(first_sums, total, rest) + first_counts;
+        let second_bounds = parts(second_sums, total, rest) + second_counts;
         let mut choice = Choice { child: 0, part: 0 };
         let mut lower = 0;
         let mut i = 0;
@@ -392,11 +399,25 @@ fn running_sums(values: Vec4) -> Vec4 {
     Vec4::new(values.x, y, z, z + values.w)
 }
 
-/// Shares of `total` in whole parts of [`ONE`].
+/// For each number, how many are positive of it and all before it.
 #[inline(always)]
-fn parts(sums: Vec4, total: f32) -> UVec4 {
+fn running_counts(values: Vec4) -> UVec4 {
+    let x = count(values.x);
+    let y = x + count(values.y);
+    let z = y + count(values.z);
+    UVec4::new(x, y, z, z + count(values.w))
+}
+
+#[inline(always)]
+fn count(value: f32) -> u32 {
+    if value > 0.0 { 1 } else { 0 }
+}
+
+/// Shares of `total` in whole parts, of which there are `rest`, at most [`ONE`].
+#[inline(always)]
+fn parts(sums: Vec4, total: f32, rest: f32) -> UVec4 {
     // From 2^23 to 2^24 floats are the whole numbers, and so are their bits.
-    let parts = sums / total * ONE as f32 + ONE as f32;
+    let parts = sums / total * rest + ONE as f32;
     let first = (ONE as f32).to_bits();
     UVec4::new(parts.x.to_bits(), parts.y.to_bits(), parts.z.to_bits(), parts.w.to_bits()) - UVec4::splat(first)
 }
@@ -415,7 +436,7 @@ fn lanes(words: &[u32], node: u32, field: u32) -> Vec4 {
 }
 
 /// What the lights of four children may matter to a surface: power / distance², times the cosines at the light and at the
-/// surface. Positive wherever any point of any of the lights reaches the surface, unless that is beyond measure (1e-30).
+/// surface, from 1e-30 to 1e30. Positive wherever any point of any of the lights reaches the surface.
 ///
 /// Four at a time, because the host has instructions for that. Differs from the source: the cosines of an angle less the
 /// angles of cone and sphere are replaced by sums that are zero only where those are, and need no square roots:
@@ -439,9 +460,12 @@ pub fn importances(words: &[u32], node: u32, position: Vec3, normal: Vec3) -> Ve
     // Within the sphere anything may be.
     let within = ((near2 - distance2) * 1e30).max(Vec4::ZERO).min(Vec4::ONE);
     let cosines = receiving.max(Vec4::ZERO).min(Vec4::ONE) * emitting.max(Vec4::ZERO).min(Vec4::ONE);
-    let value = lanes(words, node, node_field::POWER) * cosines.max(within) / safe2.max(near2);
-    // The sum of eight is finite. Denormal numbers, which some processors take for zero, are zero on all.
-    (value - 1e-30).max(Vec4::ZERO).min(Vec4::splat(1e30))
+    let (power, cosines) = (lanes(words, node, node_field::POWER), cosines.max(within));
+    let value = power * cosines / safe2.max(near2);
+    // 1 where power and cosines are positive: at least 1e-30 and some 1e-15 then; else 0.
+    let matters = (power * 1e35).min(Vec4::ONE) * (cosines * 1e20).min(Vec4::ONE);
+    // The sum of eight is finite, and denormal numbers, which some processors take for zero, don't decide.
+    value.max(Vec4::splat(1e-30)).min(Vec4::splat(1e30)) * matters
 }
 
 #[cfg(all(test, target_arch = "x86_64"))]

@@ -14,7 +14,8 @@ use glam::{UVec2, Vec3};
 use crate::{
     frame::Frame,
     light::{self, Address, LightPoint},
-    numerics::{abs, clamp, floor, max, multiply_high, sqrt},
+    numerics::{clamp, floor, max, multiply_high, sqrt},
+    ray::max_abs,
     resample::{Chooser, Stream, candidate_scale},
     rng::{Rng, Stage},
     scene::Scene,
@@ -178,7 +179,7 @@ pub fn cell_of(frame: &Frame, position: Vec3) -> u32 {
     let mut row = NO_ROW;
     let mut level = 0;
     while level < LEVELS && row == NO_ROW {
-        if max(max(abs(place.x), abs(place.y)), abs(place.z)) < half {
+        if is_within(place.x, half) && is_within(place.y, half) && is_within(place.z, half) {
             let most = (1 << CELL_BITS) as f32 - 1.0;
             let x = clamp(floor(place.x + half), 0.0, most) as u32;
             let y = clamp(floor(place.y + half), 0.0, most) as u32;
@@ -189,6 +190,12 @@ pub fn cell_of(frame: &Frame, position: Vec3) -> u32 {
         level += 1;
     }
     row
+}
+
+/// As cells are: with their lower bound, without their upper.
+#[inline(always)]
+fn is_within(x: f32, half: f32) -> bool {
+    x >= -half && x < half
 }
 
 /// A sphere around a cell: center and radius. The radius is 0 for cells in the middle of a level, where finer levels are.
@@ -205,7 +212,7 @@ fn sphere_of(frame: &Frame, row: u32) -> (Vec3, f32) {
     let half = most as f32 * 0.5;
     let from_camera = Vec3::new(x as f32 - half, y as f32 - half, z as f32 - half) * edge;
     // Half the diagonal, and a little more for rounding.
-    (frame.camera_origin + from_camera, edge * 0.8661)
+    (frame.camera_origin + from_camera, edge * 0.8661 + max_abs(frame.camera_origin) * 1e-6)
 }
 
 /// What a point of a light may matter to a surface within a sphere: power / distance², with the largest cosine at the light
@@ -287,7 +294,8 @@ mod tests {
             let position = frame.camera_origin + offset;
             let row = cell_of(&frame, position);
             // Eight cells of 2^5 times the edge reach four of them in each direction.
-            assert_eq!(row == NO_ROW, (position - frame.camera_origin).abs().max_element() >= 32.0, "{position}");
+            let place = position - frame.camera_origin;
+            assert_eq!(row == NO_ROW, place.min_element() < -32.0 || place.max_element() >= 32.0, "{position}");
             if row == NO_ROW {
                 continue;
             }
@@ -296,6 +304,17 @@ mod tests {
             assert!(radius > 0.0 && position.distance(center) <= radius, "{position} in cell {row}");
         }
         assert!(levels.iter().all(|&count| count > 100), "{levels:?}");
+        // Where levels meet.
+        for (axis, level) in (0..3).flat_map(|axis| (0..LEVELS).map(move |level| (axis, level))) {
+            for side in [-1.0, 1.0] {
+                let mut offset = Vec3::new(0.1, 0.2, -0.1);
+                offset[axis] = side * (1 << level) as f32;
+                let row = cell_of(&Frame { camera_origin: Vec3::ZERO, ..frame }, offset);
+                let is_beyond = side > 0.0 && level + 1 == LEVELS;
+                assert_eq!(row == NO_ROW, is_beyond, "{offset}");
+                assert!(is_beyond || sphere_of(&frame, row).1 > 0.0, "{offset} in a cell without lights");
+            }
+        }
         for bad in [f32::NAN, f32::INFINITY] {
             assert_eq!(cell_of(&frame, Vec3::new(0.0, bad, 0.0)), NO_ROW);
         }

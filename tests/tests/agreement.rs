@@ -86,6 +86,8 @@ impl Case {
             row.pixels > 0 && row.pixels.is_multiple_of(3 * u64::from(elements))
         };
         assert!(report.rows.iter().all(whole), "{report}");
+        let draws_ahead = report.rows.iter().any(|row| row.buffer == "presampled");
+        assert_eq!(draws_ahead, columns * rows > 1, "{report}");
         report
     }
 

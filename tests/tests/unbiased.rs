@@ -101,9 +101,10 @@ fn resampled_candidates_have_the_mean_of_the_reference() {
             &["candidates.count=1"] as &[&str],
             &["candidates.count=1", "candidates.source=uniform"],
             &["candidates.count=4", "candidates.source=uniform"],
-            &["candidates.count=4", "candidates.source=tiles", "tiles.size=64"],
-            &["candidates.count=4", "candidates.source=cells", "candidates.tree=0", "cells.slots=4"],
-            &["candidates.count=2", "candidates.source=tree"],
+            // Alone: on `variety` one candidate for the sky, and one for six lamps.
+            &["candidates.count=1", "candidates.source=tiles", "candidates.bsdf=0"],
+            &["candidates.count=1", "candidates.source=cells", "candidates.bsdf=0"],
+            &["candidates.count=1", "candidates.source=tree", "candidates.bsdf=0"],
             &["candidates.count=32"],
         ] {
             let result = passes(&scene, samples, 1, knobs);

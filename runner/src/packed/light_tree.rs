@@ -106,7 +106,7 @@ impl LightBounds {
         }
         field(node_field::RADIUS, radius.to_bits());
         // Lights that all have no power have no share of it either.
-        let share = if self.power > 0.0 { self.power / total_power } else { 0.0 };
+        let share = if self.power > 0.0 { (self.power / total_power).max(1e-30) } else { 0.0 };
         field(node_field::POWER, (share as f32).to_bits());
         field(node_field::SIN_SPREAD, sin.to_bits());
         field(node_field::LINK, link);

@@ -148,7 +148,7 @@ pub const KNOBS: &[Knob] = &[
         key: "candidates.tree",
         values: "0 to 256",
         help: "how many of these come down a tree over the lights, which knows where they are and where they face; one at \
-               least is left to `candidates.source`. More: less noise where lights are many and the near ones matter; \
+               least is left to `candidates.source`, if that is another. More: less noise where lights are many and the near ones matter; \
                less: faster frames",
         set: |s, text| number(&mut s.candidates_tree, text, 0, 256),
         get: |s| text(s.candidates_tree),

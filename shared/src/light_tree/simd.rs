@@ -69,6 +69,21 @@ fn add_lane<const FROM: i32, const TO: i32>(sums: __m256) -> __m256 {
     _mm256_add_ps(sums, _mm256_blend_ps::<TO>(_mm256_setzero_ps(), moved))
 }
 
+/// For each set of children, how many are in it of each child and all before it.
+static RUNNING_COUNTS: [[u32; WIDTH as usize]; 256] = {
+    let mut counts = [[0; WIDTH as usize]; 256];
+    let mut set = 0;
+    while set < 256 {
+        let mut child = 0;
+        while child < WIDTH {
+            counts[set][child as usize] = (set as u32 & ((2 << child) - 1)).count_ones();
+            child += 1;
+        }
+        set += 1;
+    }
+    counts
+};
+
 /// As the portable choice, see [`super::PortableNodes`].
 #[inline]
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
@@ -103,9 +118,12 @@ fn choose(words: &[u32], node: u32, position: Vec3, normal: Vec3, has_goal: bool
     let emitting = _mm256_add_ps(facing, field(node_field::SIN_SPREAD));
     let within = clamped(_mm256_mul_ps(_mm256_sub_ps(near2, distance2), all(1e30)));
     let cosines = _mm256_mul_ps(clamped(receiving), clamped(emitting));
-    let power = _mm256_mul_ps(field(node_field::POWER), _mm256_max_ps(cosines, within));
-    let value = _mm256_div_ps(power, _mm256_max_ps(safe2, near2));
-    let value = _mm256_min_ps(_mm256_max_ps(_mm256_sub_ps(value, all(1e-30)), zero), all(1e30));
+    let (power, cosines) = (field(node_field::POWER), _mm256_max_ps(cosines, within));
+    let value = _mm256_div_ps(_mm256_mul_ps(power, cosines), _mm256_max_ps(safe2, near2));
+    let has_power = _mm256_min_ps(_mm256_mul_ps(power, all(1e35)), all(1.0));
+    let matters = _mm256_mul_ps(has_power, _mm256_min_ps(_mm256_mul_ps(cosines, all(1e20)), all(1.0)));
+    let value = _mm256_mul_ps(_mm256_min_ps(_mm256_max_ps(value, all(1e-30)), all(1e30)), matters);
+    let positive = _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_GT_OQ>(value, zero)) as u8;
 
     // Sums within each half, lane after lane; then the first half before the second.
     let sums = add_lane::<0b00_00_00_00, 0b0010_0010>(value);
@@ -117,9 +135,14 @@ fn choose(words: &[u32], node: u32, position: Vec3, normal: Vec3, has_goal: bool
     let highest = _mm256_permute_ps::<0b11_11_11_11>(sums);
     let total = _mm256_max_ps(_mm256_permute2f128_ps::<0b0001_0001>(highest, highest), all(1e-30));
 
-    let shares = _mm256_mul_ps(_mm256_div_ps(sums, total), all(ONE as f32));
+    // One part for each positive child, the others in proportion.
+    let rest = (ONE - positive.count_ones()) as f32;
+    let shares = _mm256_mul_ps(_mm256_div_ps(sums, total), all(rest));
     let parts = _mm256_castps_si256(_mm256_add_ps(shares, all(ONE as f32)));
-    let bounds = _mm256_sub_epi32(parts, _mm256_set1_epi32((ONE as f32).to_bits() as i32));
+    let parts = _mm256_sub_epi32(parts, _mm256_set1_epi32((ONE as f32).to_bits() as i32));
+    // SAFETY: eight words, no alignment asked for.
+    let counts = unsafe { _mm256_loadu_si256(RUNNING_COUNTS[positive as usize].as_ptr().cast()) };
+    let bounds = _mm256_add_epi32(parts, counts);
     let child = if has_goal {
         goal
     } else {

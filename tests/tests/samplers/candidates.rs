@@ -26,7 +26,7 @@ const PART: u32 = 1_000;
 type Kind = (&'static str, fn(&mut Frame));
 
 /// From the table alone to everything at once. There are ten lamps.
-const KINDS: [Kind; 16] = [
+const KINDS: [Kind; 17] = [
     ("table", |f| f.candidates = 8),
     ("each lamp once", |f| f.candidates = 16),
     ("uniform", |f| (f.candidates, f.source) = (8, source::UNIFORM)),
@@ -50,6 +50,10 @@ const KINDS: [Kind; 16] = [
         tiles(f, 16);
     }),
     ("cells", cells),
+    ("cells in groups", |f| {
+        (f.candidates_full, f.choice) = (3, choice::KEYS);
+        cells(f);
+    }),
     ("cells, tree and BSDF", |f| {
         all(f);
         cells(f);
@@ -233,6 +237,7 @@ fn an_error_of_three_percent_in_a_density_is_seen() {
     spoil_table(&mut bench.packed.lights, 0, emitters);
     see("table", &bench, all, fine);
     see("table of tiles", &bench, |f| tiles(f, 8), fine);
+    see("table of cells", &bench, cells, fine);
 
     let mut bench = Bench::new(true, 0.3, 0.5);
     let Frame { environment_table_at, environment_width, environment_height, .. } = bench.packed.frame;
