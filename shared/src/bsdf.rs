@@ -69,7 +69,8 @@ impl Bsdf {
 
     #[inline(always)]
     fn fresnel(&self, cosine: f32) -> Vec3 {
-        let c = 1.0 - cosine;
+        // A cosine of rounded directions may be a little above 1.
+        let c = max(1.0 - cosine, 0.0);
         let c2 = c * c;
         self.specular + (Vec3::ONE - self.specular) * (c2 * c2 * c)
     }
@@ -209,6 +210,15 @@ mod tests {
     /// Views from overhead to grazing.
     fn views() -> impl Iterator<Item = Vec3> {
         [0.05f32, 0.3, 0.7, 1.0].into_iter().map(|z| Vec3::new((1.0 - z * z).sqrt(), 0.0, z))
+    }
+
+    #[test]
+    fn nothing_is_reflected_less_than_not_at_all() {
+        let surface = Surface { normal_shading: octahedral::pack(Vec3::Z), ..Surface::default() };
+        let bsdf = Bsdf::new(&surface, Vec3::Z);
+        for cosine in [0.0, 1.0, 1.0 + f32::EPSILON, 1.000_001] {
+            assert!(bsdf.fresnel(cosine).min_element() >= 0.0, "{cosine}");
+        }
     }
 
     #[test]

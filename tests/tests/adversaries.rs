@@ -1,6 +1,11 @@
 //! What an adversary may think of: lights of any magnitude against Lambert's formula in `f64`, and scenes and settings out
 //! of random bytes. `WEIR_LONG_TESTS=1` has forty times as many cases.
 
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
 use glam::{Quat, Vec3};
 use proptest::{prelude::*, test_runner::TestRunner};
 use rayon::prelude::*;
@@ -63,6 +68,23 @@ fn one_to_eight_lights_of_forty_decades_have_the_mean_of_the_formula() {
             })
             .expect("no counterexample");
     }
+}
+
+/// What the fuzzer has found: bytes that once gave pictures that can't be used, and such as reach different code.
+#[test]
+fn every_kept_input_of_the_fuzzer_gives_a_usable_picture() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzzed");
+    let files: Vec<PathBuf> = folder.read_dir().expect("a folder").map(|f| f.expect("a file").path()).collect();
+    assert!(!files.is_empty());
+    files.par_iter().for_each(|file| {
+        let backend = Backend::Cpu(Order { band_rows: 16, backwards: false });
+        let bytes = fs::read(file).expect("readable");
+        match unusable_pixels(&backend, &bytes) {
+            Ok(unusable) => assert_eq!(unusable.unwrap_or(0), 0, "{}", file.display()),
+            Err(RenderError::Pack(_)) => {}
+            Err(error) => panic!("{}: {error}", file.display()),
+        }
+    });
 }
 
 /// Random bytes: as many as a fuzzer that knows nothing.

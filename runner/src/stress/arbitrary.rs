@@ -98,7 +98,7 @@ fn mesh(bytes: &mut Bytes<'_>, materials: u32) -> Mesh {
 fn scene(bytes: &mut Bytes<'_>) -> Option<Scene> {
     let texture = |bytes: &mut Bytes<'_>| {
         let (width, height) = (1 + bytes.below(4), 1 + bytes.below(4));
-        let texels = (0..width * height).map(|_| bytes.next() * 0x0102_0305).collect();
+        let texels = (0..width * height).map(|_| bytes.next().wrapping_mul(0x0102_0305)).collect();
         Texture { name: "any".into(), width, height, texels, srgb: bytes.below(2) == 0 }
     };
     let textures: Vec<_> = (0..bytes.below(3)).map(|_| texture(bytes)).collect();
@@ -134,9 +134,7 @@ fn scene(bytes: &mut Bytes<'_>) -> Option<Scene> {
 /// Values of knobs, each among those it takes; those that exclude each other are left alone.
 fn knobs(bytes: &mut Bytes<'_>) -> Vec<String> {
     let mut settings = Settings::default();
-    // For a picture of 256 pixels, few lights need to be drawn ahead.
-    let mut turned =
-        ["tiles.count=3", "tiles.size=32", "cells.slots=2", "cells.candidates=2"].map(String::from).to_vec();
+    let mut turned = Vec::new();
     for _ in 0..bytes.below(8) {
         let knob = &KNOBS[bytes.below(KNOBS.len() as u32) as usize];
         let value = match knob.values.split_once(" to ").map(|(low, high)| (low.parse::<f64>(), high.parse::<f64>())) {
