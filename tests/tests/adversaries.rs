@@ -70,21 +70,42 @@ fn one_to_eight_lights_of_forty_decades_have_the_mean_of_the_formula() {
     }
 }
 
+/// The inputs in a file of `fuzzed/`: one, or in `corpus` many, each after its length in two bytes, the lower first.
+fn inputs(file: &Path) -> Vec<Vec<u8>> {
+    let all = fs::read(file).expect("readable");
+    if file.file_name().is_some_and(|name| name != "corpus") {
+        return vec![all];
+    }
+    let mut inputs = Vec::new();
+    let mut rest = all.as_slice();
+    while let [low, high, after @ ..] = rest {
+        let (input, after) = after.split_at(usize::from(*low) | usize::from(*high) << 8);
+        inputs.push(input.to_vec());
+        rest = after;
+    }
+    inputs
+}
+
 /// What the fuzzer has found: bytes that once gave pictures that can't be used, and such as reach different code.
 #[test]
 fn every_kept_input_of_the_fuzzer_gives_a_usable_picture() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzzed");
-    let files: Vec<PathBuf> = folder.read_dir().expect("a folder").map(|f| f.expect("a file").path()).collect();
-    assert!(!files.is_empty());
-    files.par_iter().for_each(|file| {
+    let files = folder.read_dir().expect("a folder").map(|file| file.expect("a file").path());
+    let inputs: Vec<(PathBuf, Vec<u8>)> =
+        files.flat_map(|file| inputs(&file).into_iter().map(move |input| (file.clone(), input))).collect();
+    assert!(inputs.len() > 100);
+    let drawn = inputs.par_iter().filter(|(file, bytes)| {
         let backend = Backend::Cpu(Order { band_rows: 16, backwards: false });
-        let bytes = fs::read(file).expect("readable");
-        match unusable_pixels(&backend, &bytes) {
-            Ok(unusable) => assert_eq!(unusable.unwrap_or(0), 0, "{}", file.display()),
-            Err(RenderError::Pack(_)) => {}
+        match unusable_pixels(&backend, bytes) {
+            Ok(unusable) => {
+                assert_eq!(unusable.unwrap_or(0), 0, "{}: {bytes:?}", file.display());
+                unusable.is_some()
+            }
+            Err(RenderError::Pack(_)) => false,
             Err(error) => panic!("{}: {error}", file.display()),
         }
     });
+    assert!(drawn.count() > 100);
 }
 
 /// Random bytes: as many as a fuzzer that knows nothing.

@@ -278,7 +278,7 @@ fn textured(backend: &Backend<'_>) -> Found {
         // From lights drawn ahead, texels have their say then.
         for knobs in &SOURCES[2..4] {
             let knobs = [*knobs, &["camera.jitter=off"]].concat();
-            let still = Clip::new(backend, &Take::still(&scene, Technique::Still, &knobs))?.stills(256)?;
+            let still = Clip::new(backend, &Take::still(&scene, Technique::Still, &knobs))?.stills(1024)?;
             let (agrees, text) = still.total().agrees(&judged, 0.08);
             findings.push(still.finding(agrees, format!("{name} {} {text}", knobs[1])));
         }
