@@ -66,17 +66,19 @@ fn lamps_are_picked_as_often_as_reported_by_power_and_uniformly() {
 fn any_record_of_a_tile_is_a_lamp_as_often_as_reported_and_a_tile_has_its_parts() {
     let bench = Bench::new(false, 0.0, 1.0);
     let (view, lights) = (bench.view(), &bench.packed.lights);
-    let columns = 16;
+    // Rows are told apart up to 65,536: more tiles take another frame.
+    let (columns, rows) = (16, 1_000);
     let tiles = PICKS / columns;
-    let frame = Frame { presampled_columns: columns, presampled_rows: tiles, ..bench.packed.frame };
+    let frame = Frame { presampled_columns: columns, presampled_rows: rows, ..bench.packed.frame };
     let pmf = |light| f64::from(light::pmf(&frame, &view, lights, light::address_of(&frame, &view, light)));
     let pmf: Vec<f64> = (0..frame.light_count).map(pmf).collect();
     let mut counts = vec![0.0; pmf.len()];
     let mut emitters = vec![[0u32; 2]; frame.emitter_count as usize];
     for tile in 0..tiles {
+        let frame = Frame { index: tile / rows, ..frame };
         let mut of_tile = vec![0u32; emitters.len()];
         for column in 0..columns {
-            let record = tile_record::<false>(UVec2::new(column, tile), &frame, &view, lights);
+            let record = tile_record::<false>(UVec2::new(column, tile % rows), &frame, &view, lights);
             assert_eq!(f64::from(record.pmf), pmf[record.light as usize]);
             assert_eq!((record.scale, light::light_at(&frame, &view, record.address())), (1.0, record.light));
             counts[record.light as usize] += 1.0;
