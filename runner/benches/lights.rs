@@ -5,11 +5,14 @@
 //! chains on the CPU at 320x180, frame by frame in turns after some that don't count; medians of FRAMES (at least 15).
 //! The time of a real-time frame includes that of moving the scene.
 
+mod common;
+
 use std::{
     f32::consts::TAU,
     time::{Duration, Instant},
 };
 
+use common::{Failure, median_ms, settings};
 use glam::Vec3;
 use weir::{
     executor::cpu::CpuExecutor,
@@ -18,15 +21,12 @@ use weir::{
     render::{Request, facts_of, frame_of},
     scene::{Material, Scene, builtin},
     sequence::Sequence,
-    settings::Settings,
     technique::{Technique, direct_light},
 };
 use weir_shared::{
     frame::{Frame, FramePair},
     moments::Moments,
 };
-
-type Failure = Box<dyn std::error::Error>;
 
 /// Frames before those that count: caches fill, and the chain forgets its beginning.
 const WARM_UP: usize = 20;
@@ -58,11 +58,7 @@ fn with_few_lights(scene: &Scene) -> Result<Scene, Failure> {
 }
 
 fn request(scene: &Scene, technique: Technique, knobs: &[&str]) -> Result<Request, Failure> {
-    let mut settings = Settings::default();
-    for knob in knobs {
-        settings.apply(knob)?;
-    }
-    settings.check()?;
+    let settings = settings(knobs)?;
     let camera = scene.camera.ok_or("the park suggests no camera")?;
     Ok(Request { seed: 1, ..Request::new(camera, [320, 180], technique, settings) })
 }
@@ -149,13 +145,6 @@ impl<'a> Chain<'a> {
         let moments: &[Moments] = bytemuck::cast_slice(bytes);
         moments.iter().filter(|m| m.mean() != Vec3::ZERO).count() as f64 / moments.len() as f64
     }
-}
-
-/// In milliseconds.
-fn median_ms(times: impl Iterator<Item = Duration>) -> f64 {
-    let mut times: Vec<f64> = times.map(|t| t.as_secs_f64() * 1e3).collect();
-    times.sort_by(f64::total_cmp);
-    times[times.len() / 2]
 }
 
 fn main() -> Result<(), Failure> {

@@ -4,8 +4,14 @@
 //! named): time to build and to update, memory a light, time for drawing ahead, and time a sample. With `--curve` also the
 //! time of a frame in real time for 100 to 3.4 million lights in `park`.
 
-use std::{path::Path, time::Duration};
+mod common;
 
+use std::{
+    path::Path,
+    time::{Duration, Instant},
+};
+
+use common::{Failure, median_ms, settings};
 use weir::{
     bench::lights::with_lights,
     executor::cpu::CpuExecutor,
@@ -17,15 +23,12 @@ use weir::{
         load::{self, LoadOptions},
     },
     sequence::Sequence,
-    settings::Settings,
     technique::{Technique, direct_light},
 };
 use weir_shared::{
     frame::{Frame, FramePair},
     presample::LightRecord,
 };
-
-type Failure = Box<dyn std::error::Error>;
 
 /// Frames that count, after as many that don't.
 const FRAMES: usize = 9;
@@ -34,15 +37,6 @@ const SIZE: [u32; 2] = [320, 180];
 const SAMPLES: u32 = 32;
 
 const SOURCES: [&str; 5] = ["uniform", "power", "tiles", "cells", "tree"];
-
-fn settings(knobs: &[&str]) -> Result<Settings, Failure> {
-    let mut settings = Settings::default();
-    for knob in knobs {
-        settings.apply(knob)?;
-    }
-    settings.check()?;
-    Ok(settings)
-}
 
 /// Independent frames without reuse, of one source.
 struct Ris {
@@ -78,12 +72,6 @@ impl Ris {
                 .map(|frame| frame.iter().filter(|(pass, _)| pass.starts_with(name)).map(|(_, time)| *time).sum()),
         )
     }
-}
-
-fn median_ms(times: impl Iterator<Item = Duration>) -> f64 {
-    let mut times: Vec<f64> = times.map(|t| t.as_secs_f64() * 1e3).collect();
-    times.sort_by(f64::total_cmp);
-    times[times.len() / 2]
 }
 
 fn costs(name: &str, scene: &Scene, camera: Camera) -> Result<(), Failure> {
@@ -154,7 +142,7 @@ fn curve(park: &Scene, camera: Camera) -> Result<(), Failure> {
         }
         for count in 0..2 * FRAMES as u32 {
             for (executor, plan, sequence, times) in &mut chains {
-                let start = std::time::Instant::now();
+                let start = Instant::now();
                 let (frames, _) = sequence.next(&sequence.shot(count))?;
                 executor.run(plan, sequence.packed().buffers(), &frames);
                 times.push(start.elapsed());

@@ -39,8 +39,8 @@ struct Shares {
 
 impl Shares {
     /// At least one for the table, or for the tree if that is the source, and for the environment where there is any, or
-    /// that light would be missing; with both,
-    /// a quarter of the candidates for the environment. Of the rest the light tree has as many as it may.
+    /// that light would be missing; with both, a quarter of the candidates for the environment. Of the rest the light tree
+    /// has as many as it may.
     fn new<const ENVIRONMENT: bool>(frame: &Frame, px: UVec2, domain: &Domain) -> Self {
         let all = if is_on_lattice(frame, px) { frame.candidates } else { frame.candidates_off_lattice };
         let environment = if !ENVIRONMENT {
@@ -315,7 +315,9 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
                 } else {
                     candidate_scale(density)
                 };
-                stream.offer((id, uv), target, target * (scale * record_scale));
+                // What a direction has found may be out of reach by a rounding error: no target, and no density either.
+                let weight = if target == 0.0 { 0.0 } else { target * (scale * record_scale) };
+                stream.offer((id, uv), target, weight);
             }
         }
         if is_survivor {

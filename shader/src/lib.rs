@@ -1,9 +1,8 @@
 //! The passes of weir, one file each, and the table that declares them.
 //!
-//! A pass is a plain function of a pixel (or of one of its reservoirs, or of a record of lights) and of read-only buffers that returns its own
-//! element of each output. One
-//! row of the table gives its GPU entry points, its host kernels and the list of its bindings; see [`wiring`] for
-//! what a row expands to.
+//! A pass is a plain function of a pixel (or of one of its reservoirs, or of a record of lights) and of read-only buffers
+//! that returns its own element of each output. One row of the table gives its GPU entry points, its host kernels and the
+//! list of its bindings; see [`wiring`] for what a row expands to.
 #![cfg_attr(target_arch = "spirv", no_std)]
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "not-a-number must take the branch of what is out of range")]
 #![expect(clippy::too_many_arguments, reason = "a pass names every buffer that it reads")]

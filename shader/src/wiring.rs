@@ -30,9 +30,9 @@
 //! in a module `entry::shade`, a host kernel with the same call in a module `kernel::shade`, and a row of `PASSES`.
 //! A row that starts with `reservoir` instead of `pixel` runs once for each reservoir of each pixel: the function gets its
 //! number after the pixel, and outputs have an element for each. One that starts with `record` runs once for each record of
-//! lights drawn ahead: instead of the pixel the function gets column and row of the record. The input `prev_frame` stands for the frame before, in
-//! the same uniform. Binding numbers are consumed from a list, so they are dense by construction; the same types are checked on both
-//! sides by the call.
+//! lights drawn ahead: instead of the pixel the function gets column and row of the record. The input `prev_frame` stands
+//! for the frame before, in the same uniform. Binding numbers are consumed from a list, so they are dense by construction;
+//! the same types are checked on both sides by the call.
 
 /// Declares the passes; see the module's documentation.
 #[macro_export]

@@ -1,19 +1,21 @@
 //! The weight W of the candidate that is kept stands for the measure of (light, u, v): its mean over a cell, zero
 //! counted where the candidate is elsewhere, is the size of the cell.
 
-use glam::UVec2;
+use glam::{UVec2, Vec3};
 use rayon::prelude::*;
 use weir_shader::{bsdf_rays::bsdf_rays, candidates::candidates};
 use weir_shared::{
-    alias,
+    alias, fault,
     frame::Frame,
     light::source,
     light_tree::NO_TREE,
+    octahedral,
     presample::{LEVEL_CELLS, LEVELS, LightRecord, cell_of, cell_record, tile_of, tile_record},
     resample::choice,
     reservoir::Reservoir,
     reuse::lattice,
     scene::{Scene, instance_record::LIGHT_TREE_AT},
+    surface::Surface,
 };
 use weir_tests::statistics::Sums;
 
@@ -26,7 +28,7 @@ const PART: u32 = 1_000;
 type Kind = (&'static str, fn(&mut Frame));
 
 /// From the table alone to everything at once. There are ten lamps.
-const KINDS: [Kind; 17] = [
+const KINDS: [Kind; 18] = [
     ("table", |f| f.candidates = 8),
     ("each lamp once", |f| f.candidates = 16),
     ("uniform", |f| (f.candidates, f.source) = (8, source::UNIFORM)),
@@ -59,6 +61,7 @@ const KINDS: [Kind; 17] = [
         cells(f);
     }),
     ("tree alone", |f| (f.candidates, f.source) = (4, source::TREE)),
+    ("tree alone and BSDF", |f| (f.candidates, f.source, f.candidates_bsdf) = (4, source::TREE, 1)),
     ("off the lattice", |f| {
         all(f);
         (f.lattice, f.candidates_off_lattice) = (lattice::CHECKERBOARD, 2);
@@ -210,6 +213,20 @@ fn without_trees_of_meshes_the_mean_of_w_over_a_cell_is_its_size() {
         bench.packed.records[at as usize] = NO_TREE;
     }
     check(&bench);
+}
+
+/// A ray by the BSDF may end, by a rounding error, where nothing else leads and no light comes from: no fault.
+#[test]
+fn what_no_technique_can_draw_has_no_weight_and_is_no_fault() {
+    let bench = Bench::new(false, 0.3, 0.5);
+    let down = octahedral::pack(Vec3::NEG_Y);
+    let surfaces = vec![Surface { normal_geometric: down, normal_shading: down, ..bench.surface }; 4];
+    let frame = Frame { candidates: 4, source: source::TREE, candidates_bsdf: 1, ..bench.frame(0) };
+    // All lamps are above.
+    let hits = [Reservoir::new(0, 0x8000_8000, 1.0, 1); 4];
+    let (view, lights, none) = (bench.view(), &bench.packed.lights, [LightRecord::EMPTY]);
+    let kept = candidates::<false, false, true>(PX, 0, &frame, &view, lights, &surfaces, &hits, &none);
+    assert!(!kept.has_sample() && kept.fault() == fault::NONE, "{kept:?}, fault {}", kept.fault());
 }
 
 /// Multiplies the reported probabilities of an alias table by 1.03, but not what it draws.
