@@ -1,7 +1,8 @@
 //! What each source of candidates costs: `cargo bench --bench sources -- [SCENE.obj CAMERA.json] [--curve]`.
 //!
 //! On the CPU at 320x180, frames in turns, medians of 9. For each scene (`rooms`, `park`, and one from a file if it is
-//! named): time to build and to update, memory a light, time for drawing ahead, and time a sample. With `--curve` also the
+//! named): time to build and to update, memory a light, time for drawing ahead, and time a sample; and what it takes to keep
+//! candidates in memory instead of streaming them. With `--curve` also the
 //! time of a frame in real time for 100 to 3.4 million lights in `park`.
 
 mod common;
@@ -16,7 +17,7 @@ use weir::{
     bench::lights::with_lights,
     executor::cpu::CpuExecutor,
     graph::Plan,
-    packed::{LightCost, PackedScene},
+    packed::{LightCost, LightCosts, Moment, PackOptions, PackedScene},
     render::{Request, facts_of, frame_of},
     scene::{
         Camera, Scene, builtin, camera,
@@ -36,7 +37,7 @@ const SIZE: [u32; 2] = [320, 180];
 /// Samples of a pixel by which the time of one is found.
 const SAMPLES: u32 = 32;
 
-const SOURCES: [&str; 5] = ["uniform", "power", "tiles", "cells", "tree"];
+const SOURCES: [&str; 6] = ["uniform", "power", "tiles", "cells", "tree", "cuts"];
 
 /// Independent frames without reuse, of one source.
 struct Ris {
@@ -49,8 +50,19 @@ struct Ris {
 
 impl Ris {
     fn new(packed: &PackedScene, camera: Camera, source: &'static str) -> Result<Self, Failure> {
-        let (count, from) = (format!("candidates.count={SAMPLES}"), format!("candidates.source={source}"));
-        let settings = settings(&[&count, &from, "candidates.tree=0", "candidates.bsdf=0"])?;
+        Self::with(packed, camera, source, SAMPLES, "threshold")
+    }
+
+    fn with(
+        packed: &PackedScene,
+        camera: Camera,
+        source: &'static str,
+        samples: u32,
+        choice: &str,
+    ) -> Result<Self, Failure> {
+        let (count, from) = (format!("candidates.count={samples}"), format!("candidates.source={source}"));
+        let choice = format!("reservoirs.choice={choice}");
+        let settings = settings(&[&count, &from, &choice, "candidates.tree=0", "candidates.bsdf=0"])?;
         let request = Request { seed: 1, ..Request::new(camera, SIZE, Technique::Candidates, settings) };
         let facts = facts_of(packed, request.width, request.height, &request.settings);
         let plan = direct_light(request.technique, &request.settings, &facts, request.curve, &["fresh"])?;
@@ -74,16 +86,32 @@ impl Ris {
     }
 }
 
+/// Packed for all sources.
+fn packed(scene: &Scene) -> Result<PackedScene, Failure> {
+    let options = PackOptions { light_cuts: true, ..PackOptions::default() };
+    Ok(PackedScene::with(scene, &Moment::default(), options)?)
+}
+
+/// What a source draws from.
+fn structure(source: &str, costs: &LightCosts) -> LightCost {
+    match source {
+        "uniform" => LightCost::default(),
+        "tree" => costs.tree,
+        "cuts" => costs.cuts,
+        _ => costs.table,
+    }
+}
+
 fn costs(name: &str, scene: &Scene, camera: Camera) -> Result<(), Failure> {
-    let mut packed = PackedScene::new(scene, 0.0)?;
+    let mut packed = packed(scene)?;
     let lights = f64::from(packed.frame.light_count);
-    let mut updates: Vec<[LightCost; 2]> = Vec::new();
+    let mut updates = Vec::new();
     // The time that an update takes is known for scenes that move, and for all from packing.
     for i in 0..FRAMES {
         packed.set_time(i as f32 / 60.0)?;
         updates.push(packed.light_costs);
     }
-    let update = |structure: usize| median_ms(updates.iter().map(|costs| costs[structure].update));
+    let update = |source: &str| median_ms(updates.iter().map(|costs| structure(source, costs).update));
     let mut all = Vec::new();
     for source in SOURCES {
         all.push(Ris::new(&packed, camera, source)?);
@@ -95,12 +123,7 @@ fn costs(name: &str, scene: &Scene, camera: Camera) -> Result<(), Failure> {
     println!("| source | build, ms | update, ms | bytes a light | drawn ahead, ms a frame | ns a sample |");
     println!("|---|---|---|---|---|---|");
     for ris in &all {
-        let structure = match ris.source {
-            "uniform" => None,
-            "tree" => Some(1),
-            _ => Some(0),
-        };
-        let cost = structure.map_or(LightCost::default(), |i| packed.light_costs[i]);
+        let cost = structure(ris.source, &packed.light_costs);
         let records = u64::from(ris.frame.presampled_columns) * u64::from(ris.frame.presampled_rows);
         let drawn_ahead = if records > 1 { records * size_of::<LightRecord>() as u64 } else { 0 };
         let samples = f64::from(SIZE[0] * SIZE[1] * SAMPLES);
@@ -108,11 +131,32 @@ fn costs(name: &str, scene: &Scene, camera: Camera) -> Result<(), Failure> {
             "| {} | {:.2} | {:.2} | {:.1} | {:.1} | {:.0} |",
             ris.source,
             cost.build.as_secs_f64() * 1e3,
-            structure.map_or(0.0, update),
+            update(ris.source),
             (cost.bytes + drawn_ahead) as f64 / lights,
-            ris.pass_ms("presample"),
+            ris.pass_ms("presample") + ris.pass_ms("light_cuts"),
             ris.pass_ms("candidates") * 1e6 / samples,
         );
+    }
+    Ok(())
+}
+
+/// Candidates that are streamed against those that stay in memory.
+fn streams_and_memory(name: &str, scene: &Scene, camera: Camera) -> Result<(), Failure> {
+    let packed = packed(scene)?;
+    let mut all = Vec::new();
+    for (samples, choice) in [(4, "threshold"), (4, "inversion"), (32, "threshold"), (32, "inversion")] {
+        all.push((samples, choice, Ris::with(&packed, camera, "power", samples, choice)?));
+    }
+    for _ in 0..2 * FRAMES {
+        all.iter_mut().for_each(|(.., ris)| ris.step(&packed));
+    }
+    println!("\n{name}, by power\n\n| candidates | choice | bytes a pixel | ms a frame |\n|---|---|---|---|");
+    for (samples, choice, ris) in &all {
+        // Beside the surface that candidates are for, in every plan.
+        let kept = ["resident", "fresh"].iter().filter_map(|name| ris.plan.output_bytes(name)).sum::<usize>();
+        let pixels = (SIZE[0] * SIZE[1]) as usize;
+        let ms = ris.pass_ms("candidates") + ris.pass_ms("resident");
+        println!("| {samples} | {choice} | {} | {ms:.1} |", kept / pixels);
     }
     Ok(())
 }
@@ -129,11 +173,10 @@ fn curve(park: &Scene, camera: Camera) -> Result<(), Failure> {
     knobs.iter().for_each(|knobs| print!(" {} |", knobs.join(" ")));
     println!("\n|---|{}", "---|".repeat(knobs.len()));
     for scene in &scenes {
-        let mut packed: Vec<PackedScene> =
-            knobs.iter().map(|_| PackedScene::new(scene, 0.0)).collect::<Result<_, _>>()?;
-        let lights = packed[0].frame.light_count;
+        let mut copies: Vec<PackedScene> = knobs.iter().map(|_| packed(scene)).collect::<Result<_, _>>()?;
+        let lights = copies[0].frame.light_count;
         let mut chains = Vec::new();
-        for (packed, knobs) in packed.iter_mut().zip(&knobs) {
+        for (packed, knobs) in copies.iter_mut().zip(&knobs) {
             let settings = settings(&[&knobs[0], &knobs[1]])?;
             let request = Request { seed: 1, ..Request::new(camera, SIZE, Technique::RealTime, settings) };
             let facts = facts_of(packed, request.width, request.height, &request.settings);
@@ -163,6 +206,9 @@ fn main() -> Result<(), Failure> {
         let scene = (builtin::find(name).ok_or("a built-in scene is gone")?.build)();
         let camera = scene.camera.ok_or("it suggests no camera")?;
         costs(name, &scene, camera)?;
+        if name == "rooms" {
+            streams_and_memory(name, &scene, camera)?;
+        }
         if name == "park" && arguments.iter().any(|a| a == "--curve") {
             curve(&scene, camera)?;
         }

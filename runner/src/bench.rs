@@ -25,7 +25,7 @@ use thiserror::Error;
 use crate::{
     exit::{Exit, HasExit},
     output::{Destination, OutputError, atomic},
-    packed::{PackError, PackedScene},
+    packed::{Moment, PackError, PackOptions, PackedScene},
     render::{Backend, RenderError, Request},
     scene::{Camera, Scene},
     technique::Technique,
@@ -82,8 +82,16 @@ impl Target {
     }
 
     /// A copy for a chain, which moves it.
-    fn pack(&self) -> Result<PackedScene, PackError> {
-        PackedScene::new(&self.scene, 0.0)
+    fn copy(&self) -> Result<PackedScene, PackError> {
+        Self::pack(&self.scene)
+    }
+
+    /// A scene, packed for any method.
+    ///
+    /// # Errors
+    /// As [`PackedScene::new`].
+    pub fn pack(scene: &Scene) -> Result<PackedScene, PackError> {
+        PackedScene::with(scene, &Moment::default(), PackOptions { light_cuts: true, ..PackOptions::default() })
     }
 }
 
@@ -271,7 +279,7 @@ fn extras(
     let mut targets = Vec::new();
     for wanted in LIGHT_COUNTS {
         let scene = lights::with_lights(&park, *wanted);
-        let packed = PackedScene::new(&scene, 0.0).map_err(RenderError::from)?;
+        let packed = Target::pack(&scene).map_err(RenderError::from)?;
         let (width, height) = (plan.options.width, plan.options.height);
         targets.push(Target { name: format!("park, {wanted}"), scene, packed, camera, width, height });
     }

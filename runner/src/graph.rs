@@ -55,6 +55,11 @@ impl Resource {
         Self { extent: Extent::Reservoirs, ..Self::new::<T>(name, life) }
     }
 
+    /// A resource with an element of type `T` for each candidate of each reservoir.
+    pub const fn candidates<T: Element>(name: &'static str, life: Life) -> Self {
+        Self { extent: Extent::Candidates, ..Self::new::<T>(name, life) }
+    }
+
     /// A resource with an element of type `T` for each record of lights drawn ahead.
     pub const fn records<T: Element>(name: &'static str, life: Life) -> Self {
         Self { extent: Extent::Records, ..Self::new::<T>(name, life) }
@@ -73,6 +78,8 @@ pub enum Need {
     Lights,
     /// Emissive triangles.
     EmissiveTriangles,
+    /// Trees for cuts.
+    LightCuts,
 }
 
 impl std::fmt::Display for Need {
@@ -80,6 +87,7 @@ impl std::fmt::Display for Need {
         f.write_str(match self {
             Self::Lights => "lights",
             Self::EmissiveTriangles => "emissive triangles",
+            Self::LightCuts => "trees for cuts",
         })
     }
 }
@@ -141,6 +149,8 @@ pub struct Facts {
     pub height: u32,
     /// Reservoirs of each pixel.
     pub reservoirs: u32,
+    /// Candidates of each reservoir that memory has places for, where they stay in memory.
+    pub candidates: u32,
     /// Columns and rows of records of lights drawn ahead.
     pub records: [u32; 2],
     /// What the scene has of what steps may need.
@@ -152,8 +162,16 @@ pub struct Facts {
 impl Facts {
     /// What a pass of an extent runs over.
     pub fn grid(&self, extent: Extent) -> Grid {
-        let &Self { width, height, reservoirs, records: [presampled_columns, presampled_rows], .. } = self;
-        extent.grid(&Frame { width, height, reservoirs, presampled_columns, presampled_rows, ..Frame::default() })
+        let &Self { width, height, reservoirs, candidates, records: [presampled_columns, presampled_rows], .. } = self;
+        extent.grid(&Frame {
+            width,
+            height,
+            reservoirs,
+            candidates,
+            presampled_columns,
+            presampled_rows,
+            ..Frame::default()
+        })
     }
 
     /// Number of elements of an extent.

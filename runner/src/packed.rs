@@ -1,6 +1,7 @@
 //! Scenes packed for the passes: a few flat buffers, by the layouts of [`weir_shared::scene`].
 
 mod geometry;
+mod light_cuts;
 mod light_tree;
 mod moment;
 mod origin;
@@ -16,6 +17,7 @@ use weir_shader::wiring::Feature;
 use weir_shared::{
     alias, environment,
     frame::Frame,
+    light::source,
     light_tree::NO_TREE,
     scene::{NO_TEXTURE, material_record, texture_record},
 };
@@ -25,6 +27,7 @@ use crate::{
     exit::{Exit, HasExit},
     graph::Need,
     scene::{Environment, Material, Scene},
+    settings::Settings,
 };
 use geometry::PackedMesh;
 pub use moment::Moment;
@@ -79,7 +82,7 @@ pub struct PackedScene {
     pub texels: Vec<u32>,
     /// Nodes of all meshes, then of the top level.
     pub bvh: Vec<UVec4>,
-    /// Alias tables.
+    /// Alias tables, light trees, and trees for cuts if the scene is packed for them.
     pub lights: Vec<u32>,
     /// Everything of the frame uniform that the scene decides, at the present moment.
     pub frame: Frame,
@@ -89,10 +92,37 @@ pub struct PackedScene {
     pub bounds: [Vec3; 2],
     /// Origin of the world space of buffers and passes in that of the scene: zero unless the scene is far from its own.
     pub origin: Vec3,
-    /// What the alias tables and the light trees have cost.
-    pub light_costs: [LightCost; 2],
+    /// What it has cost to build what lights are chosen by.
+    pub light_costs: LightCosts,
     origins: Origin,
     dynamics: Dynamics,
+}
+
+/// What a scene is packed for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PackOptions {
+    /// Any instance may come, go, move and change, see [`PackedScene::advance`].
+    pub dynamic: bool,
+    /// Candidates may come from cuts, see [`weir_shared::light_cuts`].
+    pub light_cuts: bool,
+}
+
+impl PackOptions {
+    /// What frames with these settings need.
+    pub fn of(settings: &Settings) -> Self {
+        Self { dynamic: false, light_cuts: settings.source == source::CUTS }
+    }
+}
+
+/// What each structure to choose lights by has cost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LightCosts {
+    /// Alias tables.
+    pub table: LightCost,
+    /// Light trees.
+    pub tree: LightCost,
+    /// Trees for cuts.
+    pub cuts: LightCost,
 }
 
 /// What a structure to choose lights by has cost.
@@ -151,7 +181,7 @@ impl PackedScene {
     /// # Errors
     /// If it does not fit, see [`PackError`].
     pub fn new(scene: &Scene, time_s: f32) -> Result<Self, PackError> {
-        Self::pack(scene, &Moment { time_s, ..Moment::default() }, false, light_tree::MOST_IN_TREES)
+        Self::with(scene, &Moment { time_s, ..Moment::default() }, PackOptions::default())
     }
 
     /// Packs a scene of which any instance may come, go, move and change, see [`PackedScene::advance`].
@@ -159,24 +189,37 @@ impl PackedScene {
     /// # Errors
     /// As [`PackedScene::new`].
     pub fn dynamic(scene: &Scene, moment: &Moment) -> Result<Self, PackError> {
-        Self::pack(scene, moment, true, light_tree::MOST_IN_TREES)
+        Self::with(scene, moment, PackOptions { dynamic: true, ..PackOptions::default() })
     }
 
-    /// `most_in_trees`: emissive triangles that light trees of meshes hold together at most.
-    fn pack(scene: &Scene, moment: &Moment, dynamic: bool, most_in_trees: usize) -> Result<Self, PackError> {
+    /// Packs a scene with these options.
+    ///
+    /// # Errors
+    /// As [`PackedScene::new`].
+    pub fn with(scene: &Scene, moment: &Moment, options: PackOptions) -> Result<Self, PackError> {
+        let most = if options.light_cuts { light_tree::MOST_IN_TREES / 2 } else { light_tree::MOST_IN_TREES };
+        Self::pack(scene, moment, options, most)
+    }
+
+    /// `most_in_trees`: emissive triangles that trees of meshes hold together at most.
+    fn pack(scene: &Scene, moment: &Moment, options: PackOptions, most_in_trees: usize) -> Result<Self, PackError> {
         let (scene, origins) = Origin::moved(scene);
         let scene = scene.as_ref();
         let materials = &scene.materials;
         let emissive: Vec<usize> =
             scene.meshes.par_iter().map(|mesh| geometry::emissive_triangles(mesh, materials)).collect();
         let has_tree = light_tree::which_have_trees(&emissive, most_in_trees);
-        let meshes: Vec<PackedMesh> =
-            scene.meshes.par_iter().zip(has_tree).map(|(mesh, has)| PackedMesh::new(mesh, materials, has)).collect();
+        let meshes: Vec<PackedMesh> = scene
+            .meshes
+            .par_iter()
+            .zip(has_tree)
+            .map(|(mesh, has)| PackedMesh::new(mesh, materials, has, has && options.light_cuts))
+            .collect();
         fit("records", meshes.iter().map(|m| m.attributes.len() as u64 + m.lights.len() as u64).sum())?;
         fit("triangles", meshes.iter().map(|m| m.triangles.len() as u64).sum())?;
 
         // What changes comes first, twice: for this frame and the one before.
-        let capacity = moment::Capacity::of(scene, &meshes)?;
+        let capacity = moment::Capacity::of(scene, &meshes, options.light_cuts)?;
         let mut records = Records(vec![0; 2 * capacity.record_words()]);
         let mut lights = vec![0; capacity.light_words()];
         let mut frame = Frame::default();
@@ -186,26 +229,30 @@ impl PackedScene {
         let mut bvh = Vec::with_capacity(meshes.iter().map(|m| m.nodes.len()).sum());
         let mut starts = Vec::with_capacity(meshes.len());
         for mesh in &meshes {
+            let table_at = lights.len() as u32;
+            lights.extend_from_slice(&mesh.light_table);
+            let mut append = |words: &Option<Vec<u32>>| {
+                let at = lights.len() as u32;
+                lights.extend(words.iter().flatten());
+                if words.is_some() { at } else { NO_TREE }
+            };
+            let (light_tree_at, light_cuts_at) = (append(&mesh.light_tree), append(&mesh.light_cuts));
             starts.push(MeshStart {
                 root: (bvh.len() / 5) as u32,
                 first_triangle: (triangles.len() / 9) as u32,
                 attributes_at: records.at(),
                 flags: mesh.flags,
                 light_list_at: records.at() + mesh.attributes.len() as u32,
-                light_table_at: lights.len() as u32,
+                light_table_at: table_at,
                 light_count: mesh.lights.len() as u32,
-                light_tree_at: match mesh.light_tree {
-                    Some(_) => lights.len() as u32 + mesh.light_table.len() as u32,
-                    None => NO_TREE,
-                },
+                light_tree_at,
+                light_cuts_at,
                 light_bounds: mesh.light_bounds,
             });
             bvh.extend_from_slice(&mesh.nodes);
             triangles.extend_from_slice(&mesh.triangles);
             records.0.extend_from_slice(&mesh.attributes);
             records.0.extend_from_slice(&mesh.lights);
-            lights.extend_from_slice(&mesh.light_table);
-            lights.extend(mesh.light_tree.iter().flatten());
         }
 
         frame.materials_at = records.at();
@@ -228,14 +275,16 @@ impl PackedScene {
         let top = TopLevel::new(scene.instances.clone(), bounds, bvh.len());
         bvh.resize(bvh.len() + 2 * top.capacity_rows(), UVec4::ZERO);
         let has_lights = meshes.iter().any(|m| !m.lights.is_empty());
-        let words_over_emitters = [capacity.table_words(), capacity.light_words() - capacity.table_words()];
-        let light_costs = [0, 1].map(|structure| LightCost {
-            build: meshes.iter().map(|m| m.light_times[structure]).sum(),
+        let cost = |over_emitters: usize, of_mesh: fn(&PackedMesh) -> (Duration, usize)| LightCost {
+            build: meshes.iter().map(|m| of_mesh(m).0).sum(),
             update: Duration::ZERO,
-            bytes: 4
-                * (words_over_emitters[structure] as u64
-                    + meshes.iter().map(|m| m.light_words()[structure]).sum::<u64>()),
-        });
+            bytes: 4 * (over_emitters + meshes.iter().map(|m| of_mesh(m).1).sum::<usize>()) as u64,
+        };
+        let light_costs = LightCosts {
+            table: cost(capacity.table_words(), |m| (m.light_times.table, m.light_table.len())),
+            tree: cost(capacity.tree_words(), |m| (m.light_times.tree, m.light_tree.as_ref().map_or(0, Vec::len))),
+            cuts: cost(capacity.cuts_words(), |m| (m.light_times.cuts, m.light_cuts.as_ref().map_or(0, Vec::len))),
+        };
         let mut packed = Self {
             triangles,
             records: records.0,
@@ -248,7 +297,7 @@ impl PackedScene {
             origin: origins.of_scene,
             light_costs,
             origins,
-            dynamics: Dynamics::new(top, starts, capacity, dynamic, has_lights),
+            dynamics: Dynamics::new(top, starts, capacity, options.dynamic, has_lights),
         };
         packed.show(moment)?;
         packed.features = packed.find_features(scene);
@@ -306,7 +355,11 @@ impl PackedScene {
     /// What the scene has of what steps may need.
     pub fn has(&self) -> Vec<Need> {
         let (has_triangles, has_environment) = (self.dynamics.has_lights, self.frame.environment_width > 0);
-        let needs = [(Need::Lights, has_triangles || has_environment), (Need::EmissiveTriangles, has_triangles)];
+        let needs = [
+            (Need::Lights, has_triangles || has_environment),
+            (Need::EmissiveTriangles, has_triangles),
+            (Need::LightCuts, self.dynamics.capacity.has_cuts),
+        ];
         needs.into_iter().filter(|(_, has)| *has).map(|(need, _)| need).collect()
     }
 

@@ -7,7 +7,7 @@ mod stop;
 use std::time::{Duration, Instant};
 
 use thiserror::Error;
-use weir_shared::{frame::Frame, moments::Moments};
+use weir_shared::{frame::Frame, light::source, moments::Moments};
 
 use crate::{
     budget::TimeBudget,
@@ -126,7 +126,7 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
     let up = right.cross(forward);
     let half_height = (camera.vfov_deg.to_radians() * 0.5).tan();
     let half_width = half_height * request.width as f32 / request.height as f32;
-    let [presampled_columns, presampled_rows] = records_of(packed, settings);
+    let [presampled_columns, presampled_rows] = records_of(packed, request.width, request.height, settings);
     Frame {
         width: request.width,
         height: request.height,
@@ -140,7 +140,7 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
         exposure: request.exposure,
         camera_forward: forward,
         candidates: settings.candidates,
-        source: settings.source,
+        source: source_of(packed, settings),
         reservoirs: settings.reservoirs,
         round: 0,
         choice: settings.choice,
@@ -173,9 +173,16 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
     }
 }
 
+/// Where candidates come from: by power in place of cuts for which the scene has not been packed.
+fn source_of(packed: &PackedScene, settings: &Settings) -> u32 {
+    let lacks_cuts = settings.source == source::CUTS && !packed.has().contains(&Need::LightCuts);
+    if lacks_cuts { source::POWER } else { settings.source }
+}
+
 /// Columns and rows of records of lights drawn ahead; one of each where none are drawn.
-fn records_of(packed: &PackedScene, settings: &Settings) -> [u32; 2] {
-    if packed.has().contains(&Need::EmissiveTriangles) { settings.records() } else { [1; 2] }
+fn records_of(packed: &PackedScene, width: u32, height: u32, settings: &Settings) -> [u32; 2] {
+    let need = if settings.source == source::CUTS { Need::LightCuts } else { Need::EmissiveTriangles };
+    if packed.has().contains(&need) { settings.records(width, height) } else { [1; 2] }
 }
 
 /// What the plan of a request depends on.
@@ -184,7 +191,8 @@ pub fn facts_of(packed: &PackedScene, width: u32, height: u32, settings: &Settin
         width,
         height,
         reservoirs: settings.reservoirs,
-        records: records_of(packed, settings),
+        candidates: settings.candidates_in_memory(),
+        records: records_of(packed, width, height, settings),
         has: packed.has(),
         features: packed.features.clone(),
     }

@@ -5,8 +5,11 @@ mod preset;
 
 use thiserror::Error;
 use weir_shared::{
+    frame::Frame,
     light::source,
+    light_cuts::cuts_of,
     presample::{LEVEL_CELLS, LEVELS, LightRecord},
+    resample::choice,
     reuse::probe,
 };
 
@@ -72,6 +75,7 @@ pub struct Settings {
     pub cell_size: f32,
     pub cell_slots: u32,
     pub cell_candidates: u32,
+    pub cut_size: u32,
     pub candidates_bsdf: u32,
     pub candidates_full: u32,
     pub candidates_off_lattice: u32,
@@ -175,21 +179,38 @@ impl Settings {
                  do not ask; set `rays=speed`",
             ));
         }
-        let [columns, rows] = self.records();
-        if columns * rows > MOST_RECORDS {
+        if self.source == source::TILES && self.tile_size.next_power_of_two() * self.tile_count > MOST_RECORDS {
             return Err(SettingError::Together(
                 "`tiles.count` times `tiles.size`, which is rounded up to a power of two, is above 2097152: more lights \
                  drawn ahead than a buffer of 128 MiB holds",
             ));
         }
+        if self.choice == choice::INVERSION && self.candidates_full > 0 {
+            return Err(SettingError::Together(
+                "`reservoirs.choice=inversion` keeps all candidates in memory, where they don't compete in groups; set \
+                 `candidates.full=0`",
+            ));
+        }
         Ok(())
     }
 
-    /// Columns and rows of records of lights drawn ahead; one of each where none are drawn.
-    pub fn records(&self) -> [u32; 2] {
+    /// Places for the candidates of a reservoir in memory, see [`Frame::candidates_in_memory`].
+    pub fn candidates_in_memory(&self) -> u32 {
+        Frame {
+            candidates: self.candidates,
+            candidates_off_lattice: self.candidates_off_lattice,
+            candidates_bsdf: self.candidates_bsdf,
+            ..Frame::default()
+        }
+        .candidates_in_memory()
+    }
+
+    /// Columns and rows of records of lights drawn ahead for a picture; one of each where none are drawn.
+    pub fn records(&self, width: u32, height: u32) -> [u32; 2] {
         match self.source {
             source::TILES => [self.tile_size.next_power_of_two(), self.tile_count],
             source::CELLS => [self.cell_slots, LEVELS * LEVEL_CELLS],
+            source::CUTS => [self.cut_size, cuts_of(width, height)],
             _ => [1; 2],
         }
     }
@@ -223,7 +244,7 @@ mod tests {
         ["tiles.count=4096", "tiles.size=1000"].iter().for_each(|knob| settings.apply(knob).expect("in range"));
         settings.check().expect("no tiles");
         settings.apply("candidates.source=tiles").expect("in range");
-        assert_eq!(settings.records(), [1024, 4096]);
+        assert_eq!(settings.records(8, 8), [1024, 4096]);
         assert!(settings.check().expect_err("refused").to_string().contains("2097152"));
         settings.apply("tiles.size=512").expect("in range");
         settings.check().expect("128 MiB");

@@ -3,7 +3,13 @@
 use glam::{UVec4, Vec4};
 use weir_shader::wiring::Pass;
 use weir_shared::{
-    light::source, merge::form, moments::Moments, presample::LightRecord, reservoir::Reservoir, reuse::probe,
+    light::source,
+    merge::form,
+    moments::Moments,
+    presample::LightRecord,
+    resample::{Candidate, choice},
+    reservoir::Reservoir,
+    reuse::probe,
     surface::Surface,
 };
 
@@ -26,6 +32,7 @@ pub const RESOURCES: &[Resource] = &[
     Resource::new::<Vec4>("emitted", Life::Transient),
     Resource::reservoirs::<Reservoir>("bsdf_hits", Life::Transient),
     Resource::records::<LightRecord>("presampled", Life::Transient),
+    Resource::candidates::<Candidate>("resident", Life::Transient),
     Resource::reservoirs::<Reservoir>("fresh", Life::Transient),
     Resource::reservoirs::<Reservoir>("fresh_visible", Life::Transient),
     Resource::reservoirs::<Reservoir>("temporal_marked", Life::Transient),
@@ -181,14 +188,19 @@ fn steps(technique: Technique, settings: &Settings, curve: ToneCurve) -> Vec<Ste
     let why_not =
         if settings.candidates_bsdf > 0 { "reuse does not know of visibility" } else { "`candidates.bsdf` is 0" };
     chain.push(step("bsdf_rays").only_if(technique.bsdf_rays(settings) > 0, why_not));
-    let presample = match settings.source {
-        source::CELLS => "presample_cells",
-        _ => "presample_tiles",
+    let (ahead, need) = match settings.source {
+        source::CELLS => ("presample_cells", Need::EmissiveTriangles),
+        source::CUTS => ("light_cuts", Need::LightCuts),
+        _ => ("presample_tiles", Need::EmissiveTriangles),
     };
-    let draws_ahead = matches!(settings.source, source::TILES | source::CELLS);
-    let presample = step(presample).only_if(draws_ahead, "`candidates.source` draws no lights ahead");
-    chain.steps.push(presample.needs(Need::EmissiveTriangles));
-    chain.push(step("candidates"));
+    let draws_ahead = matches!(settings.source, source::TILES | source::CELLS | source::CUTS);
+    chain.steps.push(step(ahead).only_if(draws_ahead, "`candidates.source` draws no lights ahead").needs(need));
+    if settings.choice == choice::INVERSION {
+        chain.push(step("resident"));
+        chain.push(step("candidates_by_inversion"));
+    } else {
+        chain.push(step("candidates"));
+    }
     if reuses && rays.before() {
         chain.look("fresh_visible");
     }
@@ -286,6 +298,7 @@ mod tests {
             width: 8,
             height: 8,
             reservoirs: 1,
+            candidates: 2,
             records: [1; 2],
             has: vec![Need::Lights],
             features: Vec::new(),
@@ -312,17 +325,30 @@ mod tests {
         let plan_of = |source: &str, has: &[Need]| {
             let mut settings = Settings::default();
             settings.apply(&format!("candidates.source={source}")).expect("a source");
-            let records = settings.records();
-            let facts = Facts { width: 8, height: 8, reservoirs: 1, records, has: has.to_vec(), features: Vec::new() };
+            let records = settings.records(8, 8);
+            let facts = Facts {
+                width: 8,
+                height: 8,
+                reservoirs: 1,
+                candidates: 2,
+                records,
+                has: has.to_vec(),
+                features: Vec::new(),
+            };
             direct_light(Technique::Still, &settings, &facts, ToneCurve::default(), &["display"]).expect("a frame")
         };
-        let all = [Need::Lights, Need::EmissiveTriangles];
-        for (source, pass, bytes) in
-            [("tiles", "presample_tiles", 64 * 128 * 1024), ("cells", "presample_cells", 64 * 32 * 6 * 512)]
-        {
+        let all = [Need::Lights, Need::EmissiveTriangles, Need::LightCuts];
+        for (source, pass, bytes) in [
+            ("tiles", "presample_tiles", 64 * 128 * 1024),
+            ("cells", "presample_cells", 64 * 32 * 6 * 512),
+            ("cuts", "light_cuts", 64 * 8),
+        ] {
             let plan = plan_of(source, &all);
             assert_eq!(
-                plan.pass_names().iter().filter(|name| name.starts_with("presample")).collect::<Vec<_>>(),
+                plan.pass_names()
+                    .iter()
+                    .filter(|name| name.starts_with("presample") || name.contains("cuts"))
+                    .collect::<Vec<_>>(),
                 [&pass]
             );
             assert_eq!(plan.output_bytes("presampled"), Some(bytes));
@@ -332,5 +358,22 @@ mod tests {
         assert_eq!(plan.output_bytes("presampled"), None);
         assert!(plan.culled.iter().any(|(name, why)| *name == "presample_tiles" && why.to_string().contains("ahead")));
         assert!(plan.frame_bytes() < 1 << 20, "no memory for what is not drawn: {}", plan.frame_bytes());
+    }
+
+    #[test]
+    fn candidates_stay_in_memory_only_where_they_are_chosen_by_inversion() {
+        let plan_of = |choice: &str| {
+            let mut settings = Settings::default();
+            settings.apply(&format!("reservoirs.choice={choice}")).expect("a choice");
+            let candidates = settings.candidates_in_memory();
+            let (records, has) = ([1; 2], vec![Need::Lights]);
+            let facts = Facts { width: 8, height: 8, reservoirs: 2, candidates, records, has, features: Vec::new() };
+            direct_light(Technique::Still, &settings, &facts, ToneCurve::default(), &["display"]).expect("a frame")
+        };
+        let (stream, memory) = (plan_of("threshold"), plan_of("inversion"));
+        assert_eq!((stream.output_bytes("resident"), stream.output_bytes("fresh")), (None, Some(64 * 2 * 16)));
+        // Four and one by the BSDF, 20 bytes each.
+        assert_eq!(memory.output_bytes("resident"), Some(64 * 2 * 5 * 20));
+        assert!(stream.pass_names().contains(&"candidates") && !memory.pass_names().contains(&"candidates"));
     }
 }

@@ -30,8 +30,12 @@ passes! {
         -> (bsdf_hits: [Reservoir]) = bsdf_rays::bsdf_rays;
     record presample_tiles[TEXTURES](scene, lights: [u32]) -> (presampled: [LightRecord]) = presample::tiles;
     record presample_cells[TEXTURES](scene, lights: [u32]) -> (presampled: [LightRecord]) = presample::cells;
+    record light_cuts[](scene, lights: [u32], surfaces: [Surface]) -> (presampled: [LightRecord]) = presample::cuts;
     reservoir candidates[TEXTURES ENVIRONMENT SPECULAR](scene, lights: [u32], surfaces: [Surface],
         bsdf_hits: [Reservoir], presampled: [LightRecord]) -> (fresh: [Reservoir]) = candidates::candidates;
+    candidate resident[TEXTURES ENVIRONMENT SPECULAR](scene, lights: [u32], surfaces: [Surface],
+        bsdf_hits: [Reservoir], presampled: [LightRecord]) -> (resident: [Candidate]) = candidates::resident;
+    reservoir candidates_by_inversion[](resident: [Candidate]) -> (fresh: [Reservoir]) = candidates::by_inversion;
     reservoir visibility[TEXTURES ENVIRONMENT INSTANCES](scene, bvh: [UVec4], surfaces: [Surface],
         unseen: [Reservoir]) -> (visible: [Reservoir]) = visibility::visibility;
     reservoir temporal_rays[TEXTURES ENVIRONMENT INSTANCES](prev_frame, scene, bvh: [UVec4], surfaces: [Surface],

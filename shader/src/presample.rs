@@ -3,8 +3,10 @@
 use glam::UVec2;
 use weir_shared::{
     frame::Frame,
+    light_cuts::cut_record,
     presample::{LightRecord, cell_record, tile_record},
     scene::Scene,
+    surface::Surface,
 };
 
 /// A record of a tile: `at` is its place in the tile, and the tile.
@@ -19,4 +21,11 @@ pub fn tiles<const TEXTURES: bool>(at: UVec2, frame: &Frame, scene: &Scene, ligh
 /// Source: Boksansky, Jukarainen and Wyman 2021, "Rendering Many Lights with Grid-Based Reservoirs".
 pub fn cells<const TEXTURES: bool>(at: UVec2, frame: &Frame, scene: &Scene, lights: &[u32]) -> LightRecord {
     cell_record::<TEXTURES>(at, frame, scene, lights)
+}
+
+/// A cluster of a cut: `at` is its place in the cut, and the cut.
+///
+/// Source: Lin and Yuksel 2020, "Real-Time Stochastic Lightcuts".
+pub fn cuts(at: UVec2, frame: &Frame, scene: &Scene, lights: &[u32], surfaces: &[Surface]) -> LightRecord {
+    cut_record(at, frame, scene, lights, surfaces)
 }

@@ -29,7 +29,7 @@
 //!
 //! in a module `entry::shade`, a host kernel with the same call in a module `kernel::shade`, and a row of `PASSES`.
 //! A row that starts with `reservoir` instead of `pixel` runs once for each reservoir of each pixel: the function gets its
-//! number after the pixel, and outputs have an element for each. One that starts with `record` runs once for each record of
+//! number after the pixel, and outputs have an element for each; `candidate` does so for each candidate of each. One that starts with `record` runs once for each record of
 //! lights drawn ahead: instead of the pixel the function gets column and row of the record. The input `prev_frame` stands
 //! for the frame before, in the same uniform. Binding numbers are consumed from a list, so they are dense by construction;
 //! the same types are checked on both sides by the call.
@@ -118,6 +118,7 @@ macro_rules! passes {
 
     (@extent pixel) => { $crate::wiring::Extent::Pixels };
     (@extent reservoir) => { $crate::wiring::Extent::Reservoirs };
+    (@extent candidate) => { $crate::wiring::Extent::Candidates };
     (@extent record) => { $crate::wiring::Extent::Records };
 
     // Columns and rows that a pass runs over.
@@ -130,12 +131,16 @@ macro_rules! passes {
     (@call reservoir $function:path, $px:ident, $number:expr, $frame:ident, [$($argument:tt)*]) => {
         $function($px, $number, $frame, $($argument),*)
     };
+    (@call candidate $function:path, $px:ident, $number:expr, $frame:ident, [$($argument:tt)*]) => {
+        $function($px, $number, $frame, $($argument),*)
+    };
     (@call $extent:ident $function:path, $px:ident, $number:expr, $frame:ident, [$($argument:tt)*]) => {{
         let _ = $number;
         $function($px, $frame, $($argument),*)
     }};
     (@index pixel $px:ident, $number:expr, $frame:ident) => { $frame.index_of($px) };
     (@index reservoir $px:ident, $number:expr, $frame:ident) => { $frame.index_of_reservoir($px, $number) };
+    (@index candidate $px:ident, $number:expr, $frame:ident) => { $frame.index_of_candidate($px, $number) };
     (@index record $px:ident, $number:expr, $frame:ident) => { $frame.index_of_record($px) };
 
     // The list of bindings, `scene` expanded.
@@ -318,8 +323,8 @@ pub mod prelude {
     pub use glam::{UVec3, UVec4, Vec4};
     pub use spirv_std::spirv;
     pub use weir_shared::{
-        frame::FramePair, moments::Moments, numerics::store, presample::LightRecord, reservoir::Reservoir,
-        scene::Scene, surface::Surface, window::Window,
+        frame::FramePair, moments::Moments, numerics::store, presample::LightRecord, resample::Candidate,
+        reservoir::Reservoir, scene::Scene, surface::Surface, window::Window,
     };
 }
 
@@ -353,6 +358,8 @@ mod host {
         Pixels,
         /// One for each reservoir of each pixel.
         Reservoirs,
+        /// One for each candidate of each reservoir.
+        Candidates,
         /// One for each record of lights drawn ahead.
         Records,
     }
@@ -381,6 +388,10 @@ mod host {
             match self {
                 Self::Pixels => Grid { columns: frame.width, rows: frame.height, depth: 1 },
                 Self::Reservoirs => Grid { columns: frame.width, rows: frame.height, depth: frame.reservoirs },
+                Self::Candidates => {
+                    let depth = frame.reservoirs.saturating_mul(frame.candidates_in_memory());
+                    Grid { columns: frame.width, rows: frame.height, depth }
+                }
                 Self::Records => Grid { columns: frame.presampled_columns, rows: frame.presampled_rows, depth: 1 },
             }
         }
@@ -391,6 +402,7 @@ mod host {
             f.write_str(match self {
                 Self::Pixels => "pixel",
                 Self::Reservoirs => "reservoir",
+                Self::Candidates => "candidate",
                 Self::Records => "record",
             })
         }

@@ -145,9 +145,18 @@ pub struct Frame {
     pub cell_size: f32,
     /// Lights that are drawn for each record of a cell.
     pub cell_candidates: u32,
+
+    /// Where the tree for cuts over emitters starts in `lights`.
+    pub light_cuts_at: u32,
+    /// Not used.
+    pub padding_y: u32,
+    /// Not used.
+    pub padding_z: u32,
+    /// Not used.
+    pub padding_w: u32,
 }
 
-const _: () = assert!(size_of::<Frame>() == 272 && offset_of!(Frame, environment_scale) == 144);
+const _: () = assert!(size_of::<Frame>() == 288 && offset_of!(Frame, environment_scale) == 144);
 
 /// The uniform of a step: the frame, and the one before it.
 ///
@@ -162,7 +171,7 @@ pub struct FramePair {
     pub prev: Frame,
 }
 
-const _: () = assert!(size_of::<FramePair>() == 544 && offset_of!(FramePair, prev) == 272);
+const _: () = assert!(size_of::<FramePair>() == 576 && offset_of!(FramePair, prev) == 288);
 
 impl FramePair {
     /// What the scene is asked by (instances, lights, acceleration structure, environment) in this frame or in that
@@ -203,6 +212,20 @@ impl Frame {
     #[inline(always)]
     pub fn index_of_record(&self, at: UVec2) -> u32 {
         at.y.wrapping_mul(self.presampled_columns).wrapping_add(at.x)
+    }
+
+    /// Most candidates that a reservoir can have; so many places it has where candidates stay in memory.
+    #[inline(always)]
+    pub fn candidates_in_memory(&self) -> u32 {
+        // One for triangles and one for the environment at least.
+        self.candidates.max(self.candidates_off_lattice).max(2) + self.candidates_bsdf
+    }
+
+    /// Index of one of the candidates of a pixel: as of its reservoirs.
+    #[inline(always)]
+    pub fn index_of_candidate(&self, px: UVec2, number: u32) -> u32 {
+        let of_pixel = self.reservoirs.wrapping_mul(self.candidates_in_memory());
+        px.y.wrapping_mul(of_pixel).wrapping_add(number).wrapping_mul(self.width).wrapping_add(px.x)
     }
 
     /// Index of one of the reservoirs of a pixel: rows of pixels stay together.

@@ -14,6 +14,7 @@ pub mod environment;
 pub mod fault;
 pub mod frame;
 pub mod light;
+pub mod light_cuts;
 pub mod light_tree;
 pub mod merge;
 pub mod moments;

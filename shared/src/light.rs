@@ -28,6 +28,8 @@ pub mod source {
     pub const CELLS: u32 = 3;
     /// The light tree alone, see [`crate::light_tree`].
     pub const TREE: u32 = 4;
+    /// Cuts through trees of clusters, see [`crate::light_cuts`].
+    pub const CUTS: u32 = 5;
 }
 
 /// Where light comes from: a point of a light, evaluated.

@@ -1,9 +1,13 @@
 //! Weighted reservoir sampling: one sample kept of a stream, in proportion to its weight; or several, without replacement.
 //!
 //! Generic over the float, so that what the passes run in `f32` can be proved by enumeration in `f64`; and over the
-//! way of choosing, of which there are three with one law.
+//! way of choosing, all with one law.
 
-use core::ops::{Add, Div, Mul, Sub};
+use bytemuck::{Pod, Zeroable};
+use core::{
+    mem::{offset_of, size_of},
+    ops::{Add, Div, Mul, Sub},
+};
 
 use crate::{
     fault,
@@ -57,6 +61,31 @@ pub trait Choose<R> {
     fn accept(&mut self, weight: R, weight_sum: R) -> bool;
 }
 
+/// A candidate that stays in memory, with all others of its reservoir, until one of them is chosen.
+///
+/// Zeros stand for none.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Candidate {
+    /// Light id, see [`crate::light`].
+    pub light: u32,
+    /// Point on the light, two 16-bit coordinates.
+    pub uv: u32,
+    /// Target p̂.
+    pub target: f32,
+    /// Resampling weight: target over the sum of densities.
+    pub weight: f32,
+    /// The worst [`fault`] of drawing it.
+    pub fault: u32,
+}
+
+const _: () = assert!(size_of::<Candidate>() == 20 && offset_of!(Candidate, weight) == 12);
+
+impl Candidate {
+    /// None.
+    pub const NONE: Self = Self { light: 0, uv: 0, target: 0.0, weight: 0.0, fault: fault::NONE };
+}
+
 /// Ways of choosing. All keep item i with probability `w_i / sum w`.
 pub mod choice {
     /// A random number for each place that is taken, about ln M + 0.6 of them for M items of equal weight: the sum of
@@ -68,6 +97,9 @@ pub mod choice {
     /// Efraimidis and Spirakis 2006, "Weighted Random Sampling with a Reservoir", in logarithms, because u^(1/w)
     /// underflows.
     pub const KEYS: u32 = 2;
+    /// All candidates stay in memory, and one random number chooses by inversion of their cumulative distribution.
+    /// Merges, which have few inputs, choose as by `PLAIN`.
+    pub const INVERSION: u32 = 3;
 }
 
 /// Chooses by random numbers, in one of the ways of [`choice`].
@@ -101,7 +133,7 @@ impl Choose<f32> for Chooser {
             self.kept = self.rng.next_positive_float();
             self.kept_sum = weight_sum;
             true
-        } else if self.way == choice::PLAIN {
+        } else if self.way == choice::PLAIN || self.way == choice::INVERSION {
             // Strict: a weight of zero is not kept even where the random number is zero.
             self.rng.next_float() * weight_sum < weight
         } else {

@@ -10,7 +10,7 @@ use crate::{frame::Frame, numerics::unit_float};
 pub enum Stage {
     /// Position within the pixel.
     Primary = 1,
-    /// Candidate lights.
+    /// Points on candidate lights.
     Candidates = 2,
     /// Which candidate is kept.
     CandidateChoice = 3,
@@ -26,6 +26,12 @@ pub enum Stage {
     PresampleChoice = 11,
     /// Which tile of records a block of pixels has.
     TileChoice = 12,
+    /// Ways down to a light of a cut's cluster.
+    LightCuts = 13,
+    /// The pixel that the cut of a block is made for.
+    CutPixel = 14,
+    /// Candidate lights.
+    CandidatePicks = 15,
     /// Which inputs temporal reuse has.
     TemporalInputs = 4,
     /// Which sample temporal reuse keeps.

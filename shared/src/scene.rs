@@ -51,8 +51,10 @@ pub mod instance_record {
     pub const COUNTERPART: u32 = 35;
     /// Where the light tree of the mesh starts in `lights`, or [`crate::light_tree::NO_TREE`].
     pub const LIGHT_TREE_AT: u32 = 36;
+    /// Where the tree for cuts of the mesh starts in `lights`, or [`crate::light_tree::NO_TREE`].
+    pub const LIGHT_CUTS_AT: u32 = 37;
     /// Words in all.
-    pub const WORDS: u32 = 37;
+    pub const WORDS: u32 = 38;
 }
 
 /// What an instance says of itself, and which attributes its mesh has beside a material for each triangle.

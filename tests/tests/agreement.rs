@@ -10,7 +10,7 @@ use weir::{
         gpu::{AdapterChoice, Gpu, GpuError, GpuExecutor, Loader, Module, adapters},
     },
     graph::{Facts, Plan},
-    packed::{Moment, PackedScene},
+    packed::{Moment, PackOptions, PackedScene},
     render::{Request, facts_of, frame_of},
     scene::{Camera, Scene},
     sequence::{Sequence, Shot},
@@ -40,10 +40,11 @@ struct Case {
 
 impl Case {
     fn new(scene: &Scene, technique: Technique, knobs: &[&str]) -> Self {
-        let mut packed = PackedScene::new(scene, 0.0).expect("the scene fits");
         let camera = scene.camera.expect("the scene has a camera");
         // Sizes that no tile divides: the guard of the entry points counts.
         let request = request(&camera, [WIDTH, HEIGHT], technique, knobs);
+        let options = PackOptions::of(&request.settings);
+        let mut packed = PackedScene::with(scene, &Moment::default(), options).expect("the scene fits");
         let facts = facts_of(&packed, WIDTH, HEIGHT, &request.settings);
         let mut sequence = Sequence::new(&mut packed, request.clone());
         // The scene stands still: its buffers are the same for all frames.
@@ -80,7 +81,7 @@ impl Case {
         let report = check(gpu, &what, &mut sequence, &shots).expect("the GPU works");
         println!("{knobs:?}\n{report}", knobs = settings.describe());
         assert_eq!(report.frames, 3);
-        let [columns, rows] = settings.records();
+        let [columns, rows] = settings.records(WIDTH, HEIGHT);
         let whole = |row: &Row| {
             let elements = if row.buffer == "presampled" { columns * rows } else { WIDTH * HEIGHT };
             row.pixels > 0 && row.pixels.is_multiple_of(3 * u64::from(elements))
@@ -161,6 +162,11 @@ fn cases() -> Vec<Case> {
             ],
         ),
         of_variety(Technique::Candidates, &["candidates.source=tree", "candidates.count=2"]),
+        of_variety(
+            Technique::Candidates,
+            &["candidates.source=cuts", "candidates.count=4", "candidates.tree=1", "reservoirs.choice=inversion"],
+        ),
+        of_variety(Technique::Still, &["candidates.source=cuts", "candidates.tree=0", "cuts.size=3"]),
         of_variety(Technique::Still, &["rays=none", "reuse.mis=1/m", "still.rounds=1", "camera.jitter=off"]),
         of_variety(
             Technique::RealTime,

@@ -19,6 +19,7 @@ use weir_shared::{
     frame::{Frame, FramePair},
     moments::Moments,
     presample::LightRecord,
+    resample::Candidate,
     reservoir::Reservoir,
     surface::Surface,
     window::Window,
@@ -143,6 +144,10 @@ fn frame_fields() -> Fields {
         presampled_rows,
         cell_size,
         cell_candidates,
+        light_cuts_at,
+        padding_y,
+        padding_z,
+        padding_w,
     })
 }
 
@@ -182,6 +187,7 @@ fn fields_of(resource: &str) -> Option<Fields> {
         "presampled" => {
             Some(fields!(LightRecord { position, light, area, uv, radiance, pmf, scale, state, emitter, local }))
         }
+        "resident" => Some(fields!(Candidate { light, uv, target, weight, fault })),
         "moments" => Some(fields!(Moments { mean, count, carry, faults, deviation, fault })),
         _ => None,
     }

@@ -2,7 +2,7 @@
 
 use weir::{
     executor::cpu::Order,
-    packed::PackedScene,
+    packed::{Moment, PackOptions, PackedScene},
     render::{Backend, Rendered, Request, Stop, render, render_reference},
     scene::{Scene, builtin},
     settings::Settings,
@@ -73,8 +73,9 @@ fn passes(scene: &Scene, samples: u32, seed: u32, knobs: &[&str]) -> Rendered {
 }
 
 fn passes_of(technique: Technique, scene: &Scene, samples: u32, seed: u32, knobs: &[&str]) -> Rendered {
-    let packed = PackedScene::new(scene, 0.0).expect("packs");
     let request = Request { technique, ..request(scene, samples, seed, knobs) };
+    let options = PackOptions::of(&request.settings);
+    let packed = PackedScene::with(scene, &Moment::default(), options).expect("packs");
     render(&packed, &request, &Backend::Cpu(Order::default()), |_| true).expect("renders")
 }
 
@@ -105,6 +106,8 @@ fn resampled_candidates_have_the_mean_of_the_reference() {
             &["candidates.count=1", "candidates.source=tiles", "candidates.bsdf=0"],
             &["candidates.count=1", "candidates.source=cells", "candidates.bsdf=0"],
             &["candidates.count=1", "candidates.source=tree", "candidates.bsdf=0"],
+            &["candidates.count=1", "candidates.source=cuts", "candidates.bsdf=0"],
+            &["candidates.count=4", "reservoirs.choice=inversion"],
             &["candidates.count=32"],
         ] {
             let result = passes(&scene, samples, 1, knobs);

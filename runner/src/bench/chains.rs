@@ -124,7 +124,7 @@ pub(super) fn measure(
     let yardstick = Yardstick::new();
     let mut scenes = Vec::new();
     for _ in methods {
-        scenes.push(target.pack()?);
+        scenes.push(target.copy()?);
     }
     let mut gathered: Vec<(FrameTimes, Vec<Vec<FrameErrors>>, u64)> =
         methods.iter().map(|_| Default::default()).collect();
@@ -217,7 +217,7 @@ pub(super) fn time_in_turns(
     let yardstick = Yardstick::new();
     let mut scenes = Vec::new();
     for (target, _) in pairs {
-        scenes.push(target.pack()?);
+        scenes.push(target.copy()?);
     }
     let mut chains = Vec::new();
     for ((target, method), packed) in pairs.iter().zip(&mut scenes) {

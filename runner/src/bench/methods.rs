@@ -54,6 +54,7 @@ const SOURCES: &[&str] = &[
     "candidates.source=tiles",
     "candidates.source=cells",
     "candidates.source=tree",
+    "candidates.source=cuts",
     "candidates.tree=3",
 ];
 
@@ -177,7 +178,7 @@ impl Method {
 pub const ABLATION: &[(&str, &[&str])] = &[
     ("candidates.count", &["1", "2", "4", "8", "16", "32"]),
     ("candidates.tree", &["0", "2", "3"]),
-    ("candidates.source", &["power", "uniform", "tiles", "cells", "tree"]),
+    ("candidates.source", &["power", "uniform", "tiles", "cells", "tree", "cuts"]),
     ("candidates.bsdf", &["0", "1"]),
     ("temporal.neighbors", &["0", "1", "2", "3", "4", "6"]),
     ("temporal.cap", &["0", "2", "4", "8", "16", "32"]),

@@ -89,8 +89,15 @@ fn share_within(frames: &[(usize, f64)]) -> f64 {
 
 #[test]
 fn rungs_change_nothing_that_a_plan_depends_on() {
-    let facts =
-        Facts { width: 8, height: 8, reservoirs: 1, records: [1; 2], has: vec![Need::Lights], features: Vec::new() };
+    let facts = Facts {
+        width: 8,
+        height: 8,
+        reservoirs: 1,
+        candidates: 2,
+        records: [1; 2],
+        has: vec![Need::Lights],
+        features: Vec::new(),
+    };
     for preset in Preset::ALL {
         let plan = |settings: &Settings| {
             let plan = direct_light(Technique::RealTime, settings, &facts, ToneCurve::default(), &["display"]);

@@ -176,7 +176,7 @@ fn target_of(name: &str, arguments: &BenchArguments) -> anyhow::Result<Target> {
         let (problem, help) = ("nothing emits light, so there is nothing to measure", "name a scene with lights");
         return Err(SceneError::bad_data(Place::new(&read.name, 0), problem, help).into());
     }
-    let packed = weir::packed::PackedScene::new(&read, 0.0)?;
+    let packed = Target::pack(&read)?;
     let Size { width, height } = arguments.size;
     Ok(Target { name: read.name.clone(), scene: read, packed, camera, width, height })
 }

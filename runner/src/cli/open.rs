@@ -3,7 +3,7 @@
 use std::{path::Path, time::Instant};
 
 use weir::{
-    packed::PackedScene,
+    packed::{Moment, PackOptions, PackedScene},
     scene::{
         Camera, Scene, camera,
         choice::Choice,
@@ -86,7 +86,11 @@ pub fn open(arguments: &SceneArguments) -> anyhow::Result<Opened> {
     let (scene, settings) = read(arguments)?;
     let camera = camera_of(arguments, &scene)?;
     let start = Instant::now();
-    let packed = PackedScene::new(&scene, settings.time_s)?;
+    let packed = PackedScene::with(
+        &scene,
+        &Moment { time_s: settings.time_s, ..Moment::default() },
+        PackOptions::of(&settings),
+    )?;
     if packed.has().is_empty() {
         tracing::warn!("{}: nothing emits light; only `Ke` and an environment map do", scene.name);
     }

@@ -4,7 +4,9 @@ use core::mem::offset_of;
 
 use bytemuck::Pod;
 use glam::{UVec4, Vec4};
-use weir_shared::{moments::Moments, presample::LightRecord, reservoir::Reservoir, surface::Surface};
+use weir_shared::{
+    moments::Moments, presample::LightRecord, resample::Candidate, reservoir::Reservoir, surface::Surface,
+};
 
 /// A type that fills buffers: whole words, each an integer or a float.
 pub trait Element: Pod {
@@ -41,6 +43,10 @@ impl Element for Surface {
 impl Element for LightRecord {
     const FLOAT_WORDS: u32 =
         words(offset_of!(Self, position), 3) | words(offset_of!(Self, area), 3) | words(offset_of!(Self, radiance), 5);
+}
+
+impl Element for Candidate {
+    const FLOAT_WORDS: u32 = words(offset_of!(Self, target), 2);
 }
 
 impl Element for Reservoir {

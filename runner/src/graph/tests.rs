@@ -33,7 +33,15 @@ const RESOURCES: &[Resource] = &[
 ];
 
 fn facts() -> Facts {
-    Facts { width: 4, height: 2, reservoirs: 3, records: [5, 2], has: vec![Need::Lights], features: Vec::new() }
+    Facts {
+        width: 4,
+        height: 2,
+        reservoirs: 3,
+        candidates: 2,
+        records: [5, 2],
+        has: vec![Need::Lights],
+        features: Vec::new(),
+    }
 }
 
 fn plan_of(names: &[&'static str], outputs: &[&'static str]) -> Result<Plan, GraphError> {

@@ -10,6 +10,7 @@ use weir_shared::{
 };
 
 use super::{
+    light_cuts,
     light_tree::{self, LightBounds},
     tree,
 };
@@ -27,17 +28,27 @@ pub(super) struct PackedMesh {
     pub(super) light_table: Vec<u32>,
     /// Light tree over them, if the mesh has one.
     pub(super) light_tree: Option<Vec<u32>>,
-    /// How long table and tree took to build.
-    pub(super) light_times: [Duration; 2],
+    /// Tree for cuts over them, if the mesh has one.
+    pub(super) light_cuts: Option<Vec<u32>>,
+    /// How long each took to build.
+    pub(super) light_times: LightTimes,
     /// What is known of all of them; their power is the sum of the weights of the table.
     pub(super) light_bounds: LightBounds,
     /// Lower and upper corner, object space.
     pub(super) bounds: [Vec3; 2],
 }
 
+/// How long it takes to build what lights are chosen by.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct LightTimes {
+    pub(super) table: Duration,
+    pub(super) tree: Duration,
+    pub(super) cuts: Duration,
+}
+
 impl PackedMesh {
-    /// Packs a mesh, with a light tree if `has_light_tree`.
-    pub(super) fn new(mesh: &Mesh, materials: &[Material], has_light_tree: bool) -> Self {
+    /// Packs a mesh, with a light tree if `has_light_tree`, with a tree for cuts if `has_light_cuts`.
+    pub(super) fn new(mesh: &Mesh, materials: &[Material], has_light_tree: bool, has_light_cuts: bool) -> Self {
         let corners = |t: u32| mesh.triangles[t as usize].map(|v| mesh.positions[v as usize]);
         let boxes: Vec<Aabb> = (0..mesh.triangles.len() as u32)
             .map(|t| {
@@ -89,13 +100,16 @@ impl PackedMesh {
         }
         let start = Instant::now();
         let light_table = alias::build(&weights).unwrap_or_default();
-        let table_time = start.elapsed();
+        let table = start.elapsed();
+        let light_cuts = has_light_cuts.then(|| light_cuts::build(&light_bounds));
+        let cuts = start.elapsed() - table;
         let (light_tree, light_bounds) = if has_light_tree {
             let (words, bounds) = light_tree::build(&light_bounds);
             (Some(words), bounds)
         } else {
             (None, light_tree::bounds_of(&light_bounds))
         };
+        let light_times = LightTimes { table, tree: start.elapsed() - table - cuts, cuts };
         Self {
             nodes: tree.nodes.iter().flat_map(tree::rows).collect(),
             triangles,
@@ -104,17 +118,11 @@ impl PackedMesh {
             lights,
             light_table,
             light_tree,
-            light_times: [table_time, start.elapsed() - table_time],
+            light_cuts,
+            light_times,
             light_bounds,
             bounds,
         }
-    }
-}
-
-impl PackedMesh {
-    /// Words of table and tree.
-    pub(super) fn light_words(&self) -> [u64; 2] {
-        [self.light_table.len() as u64, self.light_tree.as_ref().map_or(0, |tree| tree.len() as u64)]
     }
 }
 

@@ -43,6 +43,11 @@ impl LightBounds {
         }
     }
 
+    /// Lower and upper corner of a box around all points that emit.
+    pub(super) fn corners(&self) -> [Vec3; 2] {
+        self.corners
+    }
+
     /// The same lights placed by a transform, with another power.
     pub(super) fn placed(&self, world_from_object: &Mat4, object_from_world: &Mat4, power: f64) -> Self {
         let [low, high] = self.corners;
@@ -122,7 +127,8 @@ struct Item {
 }
 
 /// Most emissive triangles that the trees of all meshes hold together. Trees and alias tables of so many take about 120
-/// MB, and WebGPU grants no more than 128 MiB to a storage binding.
+/// MB, and WebGPU grants no more than 128 MiB to a storage binding. Half as many where there are trees for cuts as well,
+/// of which so many take 76 MB at most.
 pub(super) const MOST_IN_TREES: usize = 1 << 20;
 
 /// Which meshes get a tree, by their numbers of emissive triangles: the smallest ones, while all together have no more
@@ -354,4 +360,4 @@ fn split(items: &mut [Item]) -> usize {
 }
 
 #[cfg(test)]
-mod tests;
+pub(super) mod tests;

@@ -14,6 +14,7 @@ use weir_shared::{
 use super::{
     Changed, PackError, PackedScene,
     geometry::PackedMesh,
+    light_cuts,
     light_tree::{self, LightBounds},
     top_level::TopLevel,
 };
@@ -42,6 +43,7 @@ pub(super) struct MeshStart {
     pub(super) light_table_at: u32,
     pub(super) light_count: u32,
     pub(super) light_tree_at: u32,
+    pub(super) light_cuts_at: u32,
     pub(super) light_bounds: LightBounds,
 }
 
@@ -50,16 +52,19 @@ pub(super) struct MeshStart {
 pub(super) struct Capacity {
     instances: usize,
     emitters: usize,
+    /// Whether there is a tree for cuts.
+    pub(super) has_cuts: bool,
 }
 
 impl Capacity {
-    pub(super) fn of(scene: &Scene, meshes: &[PackedMesh]) -> Result<Self, PackError> {
+    pub(super) fn of(scene: &Scene, meshes: &[PackedMesh], has_cuts: bool) -> Result<Self, PackError> {
         let drawn = || scene.instances.iter().map(|i| &meshes[i.mesh as usize]).filter(|m| !m.triangles.is_empty());
         let lights: u64 = drawn().map(|m| m.lights.len() as u64).sum();
         if lights > u64::from(weir_shared::light::ENVIRONMENT_BIT - 1) {
             return Err(PackError::TooManyLights(lights));
         }
-        Ok(Self { instances: drawn().count(), emitters: drawn().filter(|m| !m.lights.is_empty()).count() })
+        let emitters = drawn().filter(|m| !m.lights.is_empty()).count();
+        Ok(Self { instances: drawn().count(), emitters, has_cuts: has_cuts && emitters > 0 })
     }
 
     /// Words of a block of `records`: instances, their order in the top level, emitters, the guide to them.
@@ -73,9 +78,19 @@ impl Capacity {
         self.emitters * alias::ENTRY_WORDS as usize
     }
 
-    /// Words of that table and of the light tree over emitters, which follows it.
+    /// Words of the light tree over emitters, which follows it.
+    pub(super) fn tree_words(&self) -> usize {
+        light_tree::capacity_words(self.emitters)
+    }
+
+    /// Words of the tree for cuts over emitters, which follows that.
+    pub(super) fn cuts_words(&self) -> usize {
+        if self.has_cuts { light_cuts::words(self.emitters) } else { 0 }
+    }
+
+    /// Words of all of these.
     pub(super) fn light_words(&self) -> usize {
-        self.table_words() + light_tree::capacity_words(self.emitters)
+        self.table_words() + self.tree_words() + self.cuts_words()
     }
 }
 
@@ -83,7 +98,7 @@ impl Capacity {
 pub(super) struct Dynamics {
     pub(super) top: TopLevel,
     starts: Vec<MeshStart>,
-    capacity: Capacity,
+    pub(super) capacity: Capacity,
     /// Which block is this frame's.
     half: usize,
     /// What it shows; nothing before the first.
@@ -191,6 +206,7 @@ impl PackedScene {
                 .copy_from_slice(&emission.to_array().map(f32::to_bits));
             record[instance_record::COUNTERPART as usize] = NO_INSTANCE;
             record[instance_record::LIGHT_TREE_AT as usize] = start.light_tree_at;
+            record[instance_record::LIGHT_CUTS_AT as usize] = start.light_cuts_at;
             if start.light_count > 0 {
                 emitters.extend([first_light, slot as u32]);
                 let area_scale = f64::from(determinant.abs()).powf(2.0 / 3.0);
@@ -213,11 +229,21 @@ impl PackedScene {
         let start = Instant::now();
         let table = alias::build(&weights).unwrap_or_default();
         self.lights[..table.len()].copy_from_slice(&table);
-        self.light_costs[0].update = start.elapsed();
+        self.light_costs.table.update = start.elapsed();
+        let start = Instant::now();
         let (tree, _) = light_tree::build(&bounds);
-        self.lights[capacity.table_words()..][..tree.len()].copy_from_slice(&tree);
-        self.light_costs[1].update = start.elapsed() - self.light_costs[0].update;
-        self.frame.light_tree_at = capacity.table_words() as u32;
+        let tree_at = capacity.table_words();
+        self.lights[tree_at..][..tree.len()].copy_from_slice(&tree);
+        self.light_costs.tree.update = start.elapsed();
+        let cuts_at = tree_at + capacity.tree_words();
+        if capacity.has_cuts {
+            let start = Instant::now();
+            let cuts = light_cuts::build(&bounds);
+            self.lights[cuts_at..][..cuts.len()].copy_from_slice(&cuts);
+            self.light_costs.cuts.update = start.elapsed();
+        }
+        self.frame.light_tree_at = tree_at as u32;
+        self.frame.light_cuts_at = cuts_at as u32;
         let first_row = self.dynamics.top.first_row + half * self.dynamics.top.capacity_rows();
         self.bvh[first_row..first_row + placed.nodes.len()].copy_from_slice(&placed.nodes);
 

@@ -2,7 +2,10 @@
 
 use std::{fmt::Display, str::FromStr};
 
-use weir_shared::{light::source, merge::form, resample::choice, reuse::lattice, reuse::rule, target::occlusion};
+use weir_shared::{
+    light::source, light_cuts::MOST_NODES, merge::form, resample::choice, reuse::lattice, reuse::rule,
+    target::occlusion,
+};
 
 use super::{Preset, Rays, Settings};
 use crate::technique::MAX_ROUNDS;
@@ -77,9 +80,15 @@ const SOURCES: &[(&str, u32)] = &[
     ("tiles", source::TILES),
     ("cells", source::CELLS),
     ("tree", source::TREE),
+    ("cuts", source::CUTS),
 ];
 const SWITCH: &[(&str, bool)] = &[("on", true), ("off", false)];
-const CHOICES: &[(&str, u32)] = &[("threshold", choice::THRESHOLD), ("plain", choice::PLAIN), ("keys", choice::KEYS)];
+const CHOICES: &[(&str, u32)] = &[
+    ("threshold", choice::THRESHOLD),
+    ("plain", choice::PLAIN),
+    ("keys", choice::KEYS),
+    ("inversion", choice::INVERSION),
+];
 const RAYS: &[(&str, Rays)] = &[
     ("speed", Rays::Speed),
     ("balanced", Rays::Balanced),
@@ -133,14 +142,14 @@ pub const KNOBS: &[Knob] = &[
     },
     Knob {
         key: "candidates.source",
-        values: "power, uniform, tiles, cells or tree",
+        values: "power, uniform, tiles, cells, tree or cuts",
         help: "how these are drawn from the emissive triangles. power: by emitted power, less noise where some \
                lights are much brighter than others; uniform: all alike, less noise where the brightest are out of \
                sight; tiles: from lights drawn ahead by power, a tile of which each block of 8x8 pixels shares, the same \
                law in less time where lights are more than a cache holds, but neighbours get the same ones; cells: from \
                lights resampled for cells of space around the camera, near ones more often, for time that does not \
                depend on the size of the picture; tree: down the light tree alone, near and facing ones more often, for \
-               time on each",
+               time on each; cuts: near ones more often too, from clusters that each block of 8x8 pixels shares",
         set: |s, text| named(&mut s.source, text, SOURCES),
         get: |s| name_of(s.source, SOURCES),
     },
@@ -212,6 +221,15 @@ pub const KNOBS: &[Knob] = &[
         get: |s| text(s.cell_slots),
     },
     Knob {
+        key: "cuts.size",
+        values: "1 to 16",
+        help: "clusters of lights in the cut of a block of 8x8 pixels with `candidates.source=cuts`; candidates are spread \
+               over them evenly. More: clusters that the block's surface tells apart better; less: less time for cuts. \
+               With no more than there are candidates, each cluster has one at least",
+        set: |s, text| number(&mut s.cut_size, text, 1, MOST_NODES),
+        get: |s| text(s.cut_size),
+    },
+    Knob {
         key: "cells.candidates",
         values: "1 to 256",
         help: "lights drawn by power for each that a cell keeps. More: closer to what matters there; less: less time",
@@ -228,10 +246,11 @@ pub const KNOBS: &[Knob] = &[
     },
     Knob {
         key: "reservoirs.choice",
-        values: "threshold, plain or keys",
+        values: "threshold, plain, keys or inversion",
         help: "how one sample of a stream is chosen; the law is the same, and so is the noise. threshold: a random \
                number only when another sample is kept; plain: one for each sample; keys: one for each sample, and a \
-               logarithm",
+               logarithm; inversion: one for all, by the cumulative distribution of candidates that stay in memory, 20 \
+               bytes each, which is what streams replace (merges choose as by plain)",
         set: |s, text| named(&mut s.choice, text, CHOICES),
         get: |s| name_of(s.choice, CHOICES),
     },

@@ -42,6 +42,7 @@ impl Preset {
             cell_size: 0.02,
             cell_slots: 32,
             cell_candidates: 8,
+            cut_size: 8,
             candidates_bsdf: 1,
             candidates_full: 0,
             candidates_off_lattice: 2,

@@ -8,7 +8,7 @@ use super::Finding;
 use crate::{
     executor::SceneBuffers,
     graph::Plan,
-    packed::{Changed, Moment, PackedScene},
+    packed::{Changed, Moment, PackOptions, PackedScene},
     reference::{Estimate, Reference},
     render::{Backend, Executor, RenderError, Request, facts_of, frame_of},
     scene::{Camera, Scene},
@@ -50,11 +50,9 @@ impl<'a> Take<'a> {
     }
 
     fn pack(&self, shot: usize) -> Result<PackedScene, RenderError> {
-        Ok(if self.is_dynamic() {
-            PackedScene::dynamic(self.scene, &self.shots[shot].moment)?
-        } else {
-            PackedScene::new(self.scene, 0.0)?
-        })
+        let (camera, moment) = (self.shots[shot].camera, &self.shots[shot].moment);
+        let options = PackOptions { dynamic: self.is_dynamic(), ..PackOptions::of(&self.request(camera).settings) };
+        Ok(PackedScene::with(self.scene, moment, options)?)
     }
 
     fn request(&self, camera: Camera) -> Request {

@@ -164,8 +164,9 @@ fn independent_stages() -> Finding {
 fn ways_of_choosing(backend: &Backend<'_>) -> Found {
     let scene = scenes::lamps_over_floor();
     let mut findings = Vec::new();
-    for way in ["reservoirs.choice=threshold", "reservoirs.choice=plain", "reservoirs.choice=keys"] {
-        let take = Take::still(&scene, Technique::Still, &[way, "candidates.count=6"]);
+    for way in ["threshold", "plain", "keys", "inversion"] {
+        let knob = format!("reservoirs.choice={way}");
+        let take = Take::still(&scene, Technique::Still, &[&knob, "candidates.count=6"]);
         let still = Clip::new(backend, &take)?.stills(48)?;
         let (agrees, text) = still.total().agrees(&take.judged(0, 4096)?, 0.04);
         findings.push(still.finding(agrees, format!("{way} {text}")));

@@ -136,12 +136,13 @@ pub(super) const CASES: &[Case] = &[
 const BOTH: [Technique; 2] = [Technique::Still, Technique::RealTime];
 
 /// Every source of candidates, with fewer of them than there are lights; drawing ahead for small pictures.
-const SOURCES: [&[&str]; 5] = [
+const SOURCES: [&[&str]; 6] = [
     &["candidates.count=1"],
     &["candidates.count=1", "candidates.source=uniform"],
     &["candidates.count=1", "candidates.source=tiles", "tiles.count=4", "tiles.size=32"],
     &["candidates.count=1", "candidates.source=cells", "cells.slots=4"],
     &["candidates.count=1", "candidates.source=tree"],
+    &["candidates.count=1", "candidates.source=cuts"],
 ];
 
 fn few_lights(backend: &Backend<'_>) -> Found {

@@ -2,7 +2,7 @@
 
 use super::scenes::quad;
 use crate::{
-    packed::{Moment, PackedScene},
+    packed::{Moment, PackOptions, PackedScene},
     scene::{Camera, Environment, Instance, Material, Motion, Scene},
     sequence::Shot,
 };
@@ -63,11 +63,8 @@ impl Scenario {
     /// # Panics
     /// If it does not pack, which only a bug here can cause.
     pub fn pack(&self, shot: usize) -> PackedScene {
-        if self.is_dynamic {
-            PackedScene::dynamic(&self.scene, &self.shots[shot].moment).expect("packs")
-        } else {
-            PackedScene::new(&self.scene, 0.0).expect("packs")
-        }
+        let options = PackOptions { dynamic: self.is_dynamic, light_cuts: true };
+        PackedScene::with(&self.scene, &self.shots[shot].moment, options).expect("packs")
     }
 }
 

@@ -30,7 +30,7 @@ use crate::{
     faults::Faults,
     graph::GraphError,
     margin::Batches,
-    packed::{Moment, PackError, PackedScene},
+    packed::{Moment, PackError, PackOptions, PackedScene},
     reference::Estimate,
     render::{Request, frame_of},
     scene::{Camera, Scene, bounds::Bounds, choice::Choice, error::SceneError},
@@ -86,6 +86,8 @@ pub struct Engine {
     exposure: f32,
     key: Option<Key>,
     dynamic: bool,
+    /// Whether the scene is packed for cuts.
+    light_cuts: bool,
     facts: SceneFacts,
     /// Frames of the still in batches, which say how far off it is.
     batches: Option<Batches>,
@@ -128,6 +130,7 @@ impl Engine {
             exposure: 1.0,
             key: None,
             dynamic: false,
+            light_cuts: false,
             facts,
             batches: None,
             faults: None,
@@ -168,8 +171,9 @@ impl Engine {
     fn repack(&mut self, moment: &Moment) -> Result<(), EngineError> {
         let mut scene = self.base.clone();
         lights::scatter(&mut scene, self.scattered);
-        let packed =
-            if self.dynamic { PackedScene::dynamic(&scene, moment)? } else { PackedScene::new(&scene, moment.time_s)? };
+        let moment = if self.dynamic { moment.clone() } else { Moment { time_s: moment.time_s, ..Moment::default() } };
+        let options = PackOptions { dynamic: self.dynamic, light_cuts: self.light_cuts };
+        let packed = PackedScene::with(&scene, &moment, options)?;
         self.forget();
         let gpu = match &self.place {
             Place::Cpu => None,
@@ -227,8 +231,11 @@ impl Engine {
     /// If the scene can't be shown like that or the GPU fails.
     pub fn frame(&mut self, want: &Want) -> Result<Option<Frames>, EngineError> {
         let moment = lights::moment(&self.base, want.time_s, &want.edits);
-        if want.scattered != self.scattered {
+        // What the scene is packed for it keeps.
+        let needs_cuts = !self.light_cuts && PackOptions::of(&want.settings).light_cuts;
+        if want.scattered != self.scattered || needs_cuts {
             self.scattered = want.scattered;
+            self.light_cuts |= needs_cuts;
             self.repack(&moment)?;
         }
         if !want.auto_exposure {

@@ -30,6 +30,8 @@ pub const VARIANTS: &[&[&str]] = &[
     &["rays=balanced", "candidates.source=tiles", "candidates.tree=0", "tiles.count=2", "tiles.size=8"],
     &["rays=balanced", "candidates.source=cells", "candidates.tree=0", "cells.slots=2", "cells.candidates=2"],
     &["rays=balanced", "candidates.source=tree"],
+    &["rays=balanced", "candidates.source=cuts", "candidates.tree=1"],
+    &["rays=balanced", "reservoirs.choice=inversion"],
     &["rays=quality", "shade.sum=off"],
     &["rays=balanced", "candidates.tree=2"],
     &["preset=fast", "candidates.count=4", "reuse.radius=4"],

@@ -3,18 +3,25 @@
 
 use glam::{UVec2, Vec3};
 use rayon::prelude::*;
-use weir_shader::{bsdf_rays::bsdf_rays, candidates::candidates};
+use weir_shader::{
+    bsdf_rays::bsdf_rays,
+    candidates::{by_inversion, candidates, resident},
+};
 use weir_shared::{
     alias, fault,
     frame::Frame,
     light::source,
+    light_cuts::{cut_of, cut_record},
     light_tree::NO_TREE,
     octahedral,
     presample::{LEVEL_CELLS, LEVELS, LightRecord, cell_of, cell_record, tile_of, tile_record},
-    resample::choice,
+    resample::{Candidate, choice},
     reservoir::Reservoir,
     reuse::lattice,
-    scene::{Scene, instance_record::LIGHT_TREE_AT},
+    scene::{
+        Scene,
+        instance_record::{LIGHT_CUTS_AT, LIGHT_TREE_AT},
+    },
     surface::Surface,
 };
 use weir_tests::statistics::Sums;
@@ -28,7 +35,7 @@ const PART: u32 = 1_000;
 type Kind = (&'static str, fn(&mut Frame));
 
 /// From the table alone to everything at once. There are ten lamps.
-const KINDS: [Kind; 18] = [
+const KINDS: [Kind; 25] = [
     ("table", |f| f.candidates = 8),
     ("each lamp once", |f| f.candidates = 16),
     ("uniform", |f| (f.candidates, f.source) = (8, source::UNIFORM)),
@@ -62,6 +69,26 @@ const KINDS: [Kind; 18] = [
     }),
     ("tree alone", |f| (f.candidates, f.source) = (4, source::TREE)),
     ("tree alone and BSDF", |f| (f.candidates, f.source, f.candidates_bsdf) = (4, source::TREE, 1)),
+    ("cuts", cuts),
+    ("cuts of more clusters than candidates", |f| {
+        cuts(f);
+        f.candidates = 2;
+    }),
+    ("cuts in groups", |f| {
+        cuts(f);
+        (f.candidates_full, f.choice) = (3, choice::KEYS);
+    }),
+    ("cuts, tree and BSDF", |f| {
+        all(f);
+        cuts(f);
+    }),
+    ("in memory", |f| (f.candidates, f.choice) = (8, choice::INVERSION)),
+    ("in memory, each lamp once", |f| (f.candidates, f.candidates_bsdf, f.choice) = (16, 1, choice::INVERSION)),
+    ("in memory, of tiles, tree and BSDF", |f| {
+        all(f);
+        tiles(f, 8);
+        f.choice = choice::INVERSION;
+    }),
     ("off the lattice", |f| {
         all(f);
         (f.lattice, f.candidates_off_lattice) = (lattice::CHECKERBOARD, 2);
@@ -84,19 +111,24 @@ fn cells(frame: &mut Frame) {
     (frame.cell_size, frame.cell_candidates) = (0.4, 3);
 }
 
+fn cuts(frame: &mut Frame) {
+    (frame.candidates, frame.source) = (8, source::CUTS);
+    (frame.presampled_columns, frame.presampled_rows) = (5, 1);
+}
+
 /// Draws ahead what the surface asks for.
 fn draw_ahead(bench: &Bench, frame: &Frame, presampled: &mut Vec<LightRecord>) {
     let (view, lights) = (bench.view(), &bench.packed.lights);
-    let record: fn(UVec2, &Frame, &Scene, &[u32]) -> LightRecord = match frame.source {
-        source::TILES => tile_record::<false>,
-        source::CELLS => cell_record::<false>,
+    let (row, record): (u32, fn(UVec2, &Frame, &Scene, &[u32], &[Surface]) -> LightRecord) = match frame.source {
+        source::TILES => (tile_of(frame, PX), |at, f, s, l, _| tile_record::<false>(at, f, s, l)),
+        source::CELLS => (cell_of(frame, bench.domain().position), |at, f, s, l, _| cell_record::<false>(at, f, s, l)),
+        source::CUTS => (cut_of(frame, PX), cut_record),
         _ => return,
     };
-    let row = if frame.source == source::TILES { tile_of(frame, PX) } else { cell_of(frame, bench.domain().position) };
     presampled.resize((frame.presampled_columns * frame.presampled_rows) as usize, LightRecord::EMPTY);
     for column in 0..frame.presampled_columns {
         let at = UVec2::new(column, row);
-        presampled[frame.index_of_record(at) as usize] = record(at, frame, &view, lights);
+        presampled[frame.index_of_record(at) as usize] = record(at, frame, &view, lights, &bench.surfaces);
     }
 }
 
@@ -167,10 +199,19 @@ fn deviation(
             hits[frame.index_of(PX) as usize] = spoil(index, hit);
         }
         draw_ahead(bench, &frame, &mut presampled);
-        let kept = if bench.has_sky() {
-            candidates::<false, true, true>(PX, 0, &frame, &view, lights, surfaces, &hits, &presampled)
-        } else {
-            candidates::<false, false, true>(PX, 0, &frame, &view, lights, surfaces, &hits, &presampled)
+        let kept = match (frame.choice, bench.has_sky()) {
+            (choice::INVERSION, has_sky) => {
+                let candidate = if has_sky { resident::<false, true, true> } else { resident::<false, false, true> };
+                let count = frame.candidates_in_memory();
+                let mut memory = vec![Candidate::NONE; (count * frame.width * frame.height) as usize];
+                for number in 0..count {
+                    memory[frame.index_of_candidate(PX, number) as usize] =
+                        candidate(PX, number, &frame, &view, lights, surfaces, &hits, &presampled);
+                }
+                by_inversion(PX, 0, &frame, &memory)
+            }
+            (_, true) => candidates::<false, true, true>(PX, 0, &frame, &view, lights, surfaces, &hits, &presampled),
+            (_, false) => candidates::<false, false, true>(PX, 0, &frame, &view, lights, surfaces, &hits, &presampled),
         };
         means.add(&mut sums, kept);
         (sums, presampled)
@@ -209,10 +250,45 @@ fn with_a_sky_the_mean_of_w_over_a_cell_is_its_size() {
 fn without_trees_of_meshes_the_mean_of_w_over_a_cell_is_its_size() {
     let mut bench = Bench::new(false, 0.0, 1.0);
     for instance in 0..bench.packed.frame.instance_count {
-        let at = bench.view().instance_at(&bench.packed.frame, instance) + LIGHT_TREE_AT;
-        bench.packed.records[at as usize] = NO_TREE;
+        let at = bench.view().instance_at(&bench.packed.frame, instance);
+        for word in [LIGHT_TREE_AT, LIGHT_CUTS_AT] {
+            bench.packed.records[(at + word) as usize] = NO_TREE;
+        }
     }
     check(&bench);
+}
+
+/// Candidates that stay in memory are those of the stream, of which another is kept.
+#[test]
+fn candidates_in_memory_are_those_of_the_stream() {
+    let bench = Bench::new(true, 0.3, 0.5);
+    let (view, lights, surfaces) = (bench.view(), &bench.packed.lights, &bench.surfaces);
+    for (name, kind) in KINDS.into_iter().filter(|(name, _)| !name.contains("groups")) {
+        let mut seen = 0;
+        for index in 0..200 {
+            let mut frame = bench.frame(index);
+            kind(&mut frame);
+            let mut presampled = vec![LightRecord::EMPTY];
+            draw_ahead(&bench, &frame, &mut presampled);
+            let hit = bsdf_rays::<false, true, true>(PX, 0, &frame, &view, &bench.packed.bvh, surfaces);
+            let mut hits = [Reservoir::EMPTY; 4];
+            hits[frame.index_of(PX) as usize] = hit;
+            let of_memory =
+                |number| resident::<false, true, true>(PX, number, &frame, &view, lights, surfaces, &hits, &presampled);
+            let all: Vec<Candidate> = (0..frame.candidates_in_memory()).map(of_memory).collect();
+            let kept = candidates::<false, true, true>(PX, 0, &frame, &view, lights, surfaces, &hits, &presampled);
+            let sum: f32 = all.iter().map(|c| c.weight).sum();
+            if !kept.has_sample() {
+                assert_eq!(sum, 0.0, "{name}");
+                continue;
+            }
+            seen += 1;
+            let same = all.iter().find(|c| (c.light, c.uv) == (kept.light, kept.uv)).expect(name);
+            let ucw = sum / same.target;
+            assert!((ucw - kept.ucw).abs() <= 1e-5 * ucw, "{name}: {ucw} for {}", kept.ucw);
+        }
+        assert!(seen > 150, "{name}: {seen}");
+    }
 }
 
 /// A ray by the BSDF may end, by a rounding error, where nothing else leads and no light comes from: no fault.
@@ -265,4 +341,10 @@ fn an_error_of_three_percent_in_a_density_is_seen() {
     let at = bench.packed.frame.light_tree_at as usize;
     bench.packed.lights.swap(at, at + 1);
     see("tree", &bench, all, fine);
+
+    // Two lamps in the order of the leaves, which follows the number of levels and the ranks.
+    let mut bench = Bench::new(false, 0.3, 0.5);
+    let at = (bench.packed.frame.light_cuts_at + 1 + emitters) as usize;
+    bench.packed.lights.swap(at, at + 1);
+    see("cuts", &bench, cuts, fine);
 }

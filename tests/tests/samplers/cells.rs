@@ -1,7 +1,7 @@
 //! The lamps above a surface, cut into cells of (light, u, v).
 
 use glam::{UVec2, Vec3};
-use weir::packed::PackedScene;
+use weir::packed::{Moment, PackOptions, PackedScene};
 use weir_shared::{
     bvh::unoccluded,
     frame::Frame,
@@ -43,7 +43,8 @@ pub struct Cell {
 
 impl Bench {
     pub fn new(sky: bool, specular: f32, roughness: f32) -> Self {
-        let mut packed = PackedScene::new(&lamps(sky), 0.0).expect("packs");
+        let options = PackOptions { light_cuts: true, ..PackOptions::default() };
+        let mut packed = PackedScene::with(&lamps(sky), &Moment::default(), options).expect("packs");
         packed.frame = Frame {
             width: 2,
             height: 2,

@@ -11,7 +11,7 @@ use weir_shared::{
 
 use super::*;
 use crate::{
-    packed::{Moment, PackedScene},
+    packed::{Moment, PackOptions, PackedScene},
     scene::{Instance, Material, Mesh, Motion, Scene},
 };
 
@@ -52,7 +52,7 @@ fn soup(triangles: u32, key: u32) -> Mesh {
 }
 
 /// Instances of soups of 1, 8 and 60 triangles that are turned, mirrored and scaled; unevenly if `uneven`.
-fn two_levels(uneven: bool) -> Scene {
+pub(in crate::packed) fn two_levels(uneven: bool) -> Scene {
     let instances = (0..9).map(|i| {
         let size = 1.0 + 0.1 * i as f32;
         let mirror = if i % 2 == 0 { -1.0 } else { 1.0 };
@@ -89,12 +89,12 @@ fn facing_one_way(uneven: bool) -> Scene {
     scene
 }
 
-fn view(packed: &PackedScene) -> SceneView<'_> {
+pub(in crate::packed) fn view(packed: &PackedScene) -> SceneView<'_> {
     SceneView { triangles: &packed.triangles, records: &packed.records, texels: &packed.texels }
 }
 
 fn packed_within(scene: &Scene, most_in_trees: usize) -> PackedScene {
-    PackedScene::pack(scene, &Moment::default(), false, most_in_trees).expect("packs")
+    PackedScene::pack(scene, &Moment::default(), PackOptions::default(), most_in_trees).expect("packs")
 }
 
 const NOBODY: Address = Address { emitter: 0, local: 0 };
@@ -116,7 +116,7 @@ fn pmf_of(packed: &PackedScene, position: Vec3, normal: Vec3, goal: Address) -> 
     reached.pmf
 }
 
-fn addresses(packed: &PackedScene) -> Vec<Address> {
+pub(in crate::packed) fn addresses(packed: &PackedScene) -> Vec<Address> {
     (0..packed.frame.light_count).map(|light| address_of(&packed.frame, &view(packed), light)).collect()
 }
 
@@ -126,13 +126,13 @@ fn pmfs(packed: &PackedScene, position: Vec3, normal: Vec3) -> Vec<f64> {
 }
 
 /// Surfaces among lights and around them.
-fn surfaces(count: u32) -> impl Iterator<Item = (Vec3, Vec3)> {
+pub(in crate::packed) fn surfaces(count: u32) -> impl Iterator<Item = (Vec3, Vec3)> {
     (0..count).map(|i| (vector(i, 40) * [2.0, 6.0, 20.0][i as usize % 3], direction(i, 41)))
 }
 
 /// Pearson's statistic as a share of its quantile 1 - 1e-7 (Wilson and Hilferty's approximation); items that are
 /// expected less than ten times count as one.
-fn misfit(observed: &[f64], expected: &[f64]) -> f64 {
+pub(in crate::packed) fn misfit(observed: &[f64], expected: &[f64]) -> f64 {
     let (mut statistic, mut cells, mut rest) = (0.0, 0.0, (0.0, 0.0));
     for (o, e) in observed.iter().zip(expected) {
         if *e < 10.0 {
@@ -321,7 +321,13 @@ fn steps_to(packed: &PackedScene, goal: Address, position: Vec3, normal: Vec3) -
 }
 
 /// Whether some point of a light reaches a surface, by more than rounding.
-fn reaches(packed: &PackedScene, frame: &Frame, light: u32, position: Vec3, normal: Vec3) -> bool {
+pub(in crate::packed) fn reaches(
+    packed: &PackedScene,
+    frame: &Frame,
+    light: u32,
+    position: Vec3,
+    normal: Vec3,
+) -> bool {
     (0..16).any(|i| {
         // Corners and edges included.
         let uv = [0, 0xffff, 0xffff_0000, 0xffff_ffff].get(i as usize).copied().unwrap_or(pcg4d(i, 1, 1, 1)[0]);
