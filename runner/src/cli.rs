@@ -78,6 +78,11 @@ struct SceneArguments {
     /// Camera: a file of JSON with origin, target, up, vfov_deg, or such text itself
     #[arg(long, value_name = "FILE|JSON")]
     camera: Option<PathBuf>,
+    /// Lights: a file of JSON, {"lights": [...]}, with points, spots, directional lights, spheres and rectangles
+    ///
+    /// Without it, NAME.lights.json is taken where it lies beside NAME.obj. README.md, "Lights", has the fields.
+    #[arg(long, value_name = "FILE")]
+    lights: Option<PathBuf>,
     /// Every surface Lambertian with Kd
     #[arg(long)]
     lambert: bool,
@@ -118,6 +123,7 @@ impl SceneArguments {
         Self {
             scene: scene.to_owned(),
             camera: None,
+            lights: None,
             lambert: false,
             flat: false,
             environment: None,

@@ -74,9 +74,9 @@ impl Resource {
 /// Something that a scene can lack.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
-    /// Emissive triangles or an environment.
+    /// Light of any kind.
     Lights,
-    /// Emissive triangles.
+    /// Emissive triangles or shapes that emit: what the tables over emitters draw.
     EmissiveTriangles,
     /// Trees for cuts.
     LightCuts,
@@ -86,7 +86,7 @@ impl std::fmt::Display for Need {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::Lights => "lights",
-            Self::EmissiveTriangles => "emissive triangles",
+            Self::EmissiveTriangles => "emissive triangles or shapes",
             Self::LightCuts => "trees for cuts",
         })
     }

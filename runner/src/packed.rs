@@ -5,6 +5,7 @@ mod light_cuts;
 mod light_tree;
 mod moment;
 mod origin;
+mod shape;
 mod top_level;
 mod tree;
 
@@ -19,14 +20,14 @@ use weir_shared::{
     frame::Frame,
     light::source,
     light_tree::NO_TREE,
-    scene::{NO_TEXTURE, material_record, texture_record},
+    scene::{NO_TEXTURE, distant_record, material_record, texture_record},
 };
 
 use crate::{
     executor::SceneBuffers,
     exit::{Exit, HasExit},
     graph::Need,
-    scene::{Environment, Material, Scene},
+    scene::{DistantLight, Environment, Material, Scene},
     settings::Settings,
 };
 use geometry::PackedMesh;
@@ -49,10 +50,10 @@ pub enum PackError {
         words: u64,
     },
     /// More lights than ids.
-    #[error("the scene has {0} emissive triangles over all instances; light ids reach to 2147483647")]
+    #[error("the scene has {0} lights over all instances; light ids reach to 2147483647")]
     TooManyLights(u64),
     /// An instance that the scene does not have.
-    #[error("a moment draws instance {0}, which the scene does not have, or not with triangles, or draws it twice")]
+    #[error("a moment draws instance {0}, which the scene does not have, or with nothing to see, or draws it twice")]
     NoInstance(u32),
     /// A transform without an inverse.
     #[error(
@@ -76,7 +77,7 @@ impl HasExit for PackError {
 pub struct PackedScene {
     /// Vertices, nine floats a triangle.
     pub triangles: Vec<f32>,
-    /// Instances, attributes, materials, texture headers, emitters.
+    /// Instances, attributes, directional lights, materials, texture headers, emitters.
     pub records: Vec<u32>,
     /// Images and the environment's radiance.
     pub texels: Vec<u32>,
@@ -159,6 +160,13 @@ impl Records {
 
     fn vector(&mut self, v: Vec3) {
         v.to_array().into_iter().for_each(|x| self.float(x));
+    }
+
+    fn distant(&mut self, light: &DistantLight) {
+        let start = self.0.len();
+        self.vector(-light.direction.normalize());
+        self.vector(light.irradiance);
+        debug_assert_eq!(self.0.len() - start, distant_record::WORDS as usize);
     }
 
     fn material(&mut self, m: &Material) {
@@ -248,6 +256,7 @@ impl PackedScene {
                 light_tree_at,
                 light_cuts_at,
                 light_bounds: mesh.light_bounds,
+                shape: mesh.shape,
             });
             bvh.extend_from_slice(&mesh.nodes);
             triangles.extend_from_slice(&mesh.triangles);
@@ -255,6 +264,8 @@ impl PackedScene {
             records.0.extend_from_slice(&mesh.lights);
         }
 
+        frame.distant_at = records.at();
+        scene.distant.iter().for_each(|light| records.distant(light));
         frame.materials_at = records.at();
         scene.materials.iter().for_each(|m| records.material(m));
         frame.textures_at = records.at();
@@ -264,15 +275,14 @@ impl PackedScene {
             texels.extend_from_slice(&texture.texels);
         }
         debug_assert_eq!(texture_record::WORDS, 4);
-        if let Some(map) = &scene.environment {
-            pack_environment(map, &mut frame, &mut lights, &mut texels);
-        }
+        pack_environment(scene, &mut frame, &mut lights, &mut texels);
         fit("texels", texels.len() as u64)?;
         fit("lights", lights.len() as u64)?;
         fit("bvh", bvh.len() as u64 * 4)?;
 
         let bounds = meshes.iter().map(|m| m.bounds).collect::<Vec<_>>();
-        let top = TopLevel::new(scene.instances.clone(), bounds, bvh.len());
+        let are_shapes = meshes.iter().map(|m| m.shape.is_some()).collect();
+        let top = TopLevel::new(scene.instances.clone(), bounds, are_shapes, bvh.len());
         bvh.resize(bvh.len() + 2 * top.capacity_rows(), UVec4::ZERO);
         let has_lights = meshes.iter().any(|m| !m.lights.is_empty());
         let cost = |over_emitters: usize, of_mesh: fn(&PackedMesh) -> (Duration, usize)| LightCost {
@@ -340,7 +350,7 @@ impl PackedScene {
         if scene.materials.iter().any(textured) {
             features.push(Feature::TEXTURES);
         }
-        if self.frame.environment_width > 0 {
+        if environment::count(&self.frame) > 0 || self.dynamics.has_shapes() {
             features.push(Feature::ENVIRONMENT);
         }
         if self.dynamics.is_dynamic || !self.dynamics.top.is_trivial() {
@@ -354,10 +364,10 @@ impl PackedScene {
 
     /// What the scene has of what steps may need.
     pub fn has(&self) -> Vec<Need> {
-        let (has_triangles, has_environment) = (self.dynamics.has_lights, self.frame.environment_width > 0);
+        let (has_emitters, has_distant) = (self.dynamics.has_lights, environment::count(&self.frame) > 0);
         let needs = [
-            (Need::Lights, has_triangles || has_environment),
-            (Need::EmissiveTriangles, has_triangles),
+            (Need::Lights, has_emitters || has_distant),
+            (Need::EmissiveTriangles, has_emitters),
             (Need::LightCuts, self.dynamics.capacity.has_cuts),
         ];
         needs.into_iter().filter(|(_, has)| *has).map(|(need, _)| need).collect()
@@ -384,12 +394,25 @@ fn fit(buffer: &'static str, words: u64) -> Result<(), PackError> {
     if words < 1 << 31 { Ok(()) } else { Err(PackError::TooLarge { buffer, words }) }
 }
 
-/// Radiance to `texels`, the table over texels to `lights`. A black map is no environment.
-fn pack_environment(map: &Environment, frame: &mut Frame, lights: &mut Vec<u32>, texels: &mut Vec<u32>) {
-    let weights = environment::texel_weights(map.width, map.height, &map.texels);
-    let Some(table) = alias::build(&weights).filter(|_| map.scale > 0.0) else { return };
+/// Radiance to `texels`, the table over texels and directional lights to `lights`. A black map is no environment.
+fn pack_environment(scene: &Scene, frame: &mut Frame, lights: &mut Vec<u32>, texels: &mut Vec<u32>) {
+    let shines = |map: &&Environment| map.scale > 0.0 && map.texels.as_flattened().iter().any(|&x| x > 0.0);
+    let map = scene.environment.as_ref().filter(shines);
+    let mut weights = map.map_or(Vec::new(), |map| environment::texel_weights(map.width, map.height, &map.texels));
+    // Weights of texels are radiance times solid angle but for these factors; of directional lights, irradiance.
+    let unit = map.map_or(1.0, |map| f64::from(map.width) / (std::f64::consts::TAU * f64::from(map.scale)));
+    weights.extend(scene.distant.iter().map(|light| {
+        let irradiance = light.irradiance.to_array().map(f64::from).iter().sum::<f64>();
+        // Scales reach down to denormal numbers, and tables take finite weights.
+        (irradiance * unit).min(1e60)
+    }));
+    let Some(table) = alias::build(&weights) else {
+        frame.distant_at = frame.materials_at;
+        return;
+    };
     frame.environment_table_at = lights.len() as u32;
     lights.extend(table);
+    let Some(map) = map else { return };
     frame.environment_texels_at = texels.len() as u32;
     texels.extend(map.texels.iter().flatten().map(|x| x.to_bits()));
     frame.environment_width = map.width;

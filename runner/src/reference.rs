@@ -1,10 +1,11 @@
 //! The reference: a plain path tracer, apart from the passes, that everything else is judged by.
 //!
-//! Lights are drawn uniformly, the environment by its own cumulative table, directions by the BSDF; the two ways to
-//! find a light are combined by the balance heuristic (Veach and Guibas 1995). Sums are in f64 and random numbers come
+//! Emissive triangles are drawn uniformly, the environment by its own cumulative table, directions by the BSDF; the two ways to
+//! find a light are combined by the balance heuristic (Veach and Guibas 1995). Of shapes and of directional lights, which no
+//! direction finds, one each is drawn uniformly for every surface; a sphere by the directions to it. Sums are in f64 and random numbers come
 //! from a generator that no pass uses. What it shares with the passes is geometry, materials and the BSDF.
 
-use glam::{DVec3, UVec4, Vec3};
+use glam::{DMat4, DVec3, DVec4, UVec4, Vec3};
 use rand_pcg::{
     Pcg64Mcg,
     rand_core::{Rng, SeedableRng},
@@ -19,7 +20,10 @@ use weir_shared::{
     frame::Frame,
     light,
     ray::{FAR, Hit, Ray, offset_origin},
-    scene::{NO_TEXTURE, Scene as SceneView, material_record},
+    scene::{
+        NO_TEXTURE, Scene as SceneView, attribute_flags, distant_record, emitter_record, instance_record,
+        material_record, shape,
+    },
     surface::{Surface, surface_at},
     texture,
 };
@@ -65,10 +69,115 @@ pub struct Reference<'a> {
     scene: SceneView<'a>,
     bvh: &'a [UVec4],
     environment: Option<EnvironmentTable>,
+    shapes: Vec<Shape>,
+    /// Directions toward directional lights, and their irradiance.
+    distant: Vec<(DVec3, DVec3)>,
     masks: bool,
     instances: bool,
     /// Surfaces on a path: 1 is direct light.
     path_length: u32,
+}
+
+/// A light of a shape in closed form.
+struct Shape {
+    /// Its id.
+    light: u32,
+    kind: u32,
+    world_from_object: DMat4,
+    /// Radiance, or radiant intensity.
+    emission: DVec3,
+    two_sided: bool,
+    mirrored: bool,
+    /// Of a spot: cosines where its falloff ends and where it begins, outermost first.
+    cosines: [f64; 2],
+}
+
+impl Shape {
+    /// Those of all emitters.
+    fn all(frame: &Frame, scene: &SceneView<'_>) -> Vec<Self> {
+        let instances = (0..frame.emitter_count).map(|e| {
+            let word = |field| scene.emitter_word(frame, e, field);
+            (word(emitter_record::INSTANCE), word(emitter_record::FIRST_LIGHT))
+        });
+        instances.filter_map(|(instance, light)| Self::new(frame, scene, instance, light)).collect()
+    }
+
+    fn new(frame: &Frame, scene: &SceneView<'_>, instance: u32, light: u32) -> Option<Self> {
+        let word = |field| scene.instance_word(frame, instance, field);
+        let flags = word(instance_record::FLAGS);
+        let kind = flags >> attribute_flags::SHAPE_SHIFT;
+        if kind == shape::TRIANGLES {
+            return None;
+        }
+        let float = |at: u32| f64::from(f32::from_bits(scene.record(at)));
+        let matrix = scene.instance_at(frame, instance) + instance_record::WORLD_FROM_OBJECT;
+        let row = |i: u32| DVec4::from_array([0, 1, 2, 3].map(|j| float(matrix + 4 * i + j)));
+        let attributes = word(instance_record::ATTRIBUTES_AT);
+        let material = scene.material_of(frame, instance, word(instance_record::FIRST_TRIANGLE));
+        let (scale, offset) = (float(attributes + shape::FALLOFF_SCALE), float(attributes + shape::FALLOFF_OFFSET));
+        Some(Self {
+            light,
+            kind,
+            world_from_object: DMat4::from_cols(row(0), row(1), row(2), DVec4::W).transpose(),
+            emission: scene.emission(frame, instance, material).as_dvec3(),
+            two_sided: scene.material_word(material, material_record::TWO_SIDED) != 0,
+            mirrored: flags & attribute_flags::MIRRORED != 0,
+            // A point has them below all cosines.
+            cosines: if scale > 0.0 { [-offset / scale, (1.0 - offset) / scale] } else { [-3.0, -2.0] },
+        })
+    }
+
+    /// A point that shines to `position`, where one end of a shadow ray is, and what arrives from there: irradiance on a
+    /// surface that faces it, over the density of the choice.
+    fn sample(&self, position: DVec3, rng: &mut Pcg64Mcg) -> Option<(DVec3, DVec3)> {
+        let center = self.world_from_object.w_axis.truncate();
+        let (first, second) = (uniform(rng), uniform(rng));
+        let (point, solid_angle) = match self.kind {
+            shape::PUNCTUAL => {
+                let away = position - center;
+                let axis = self.world_from_object.transform_vector3(DVec3::NEG_Z).normalize();
+                let [outer, inner] = self.cosines;
+                let falloff = ((axis.dot(away.normalize()) - outer) / (inner - outer)).clamp(0.0, 1.0).powi(2);
+                (center, falloff / away.length_squared())
+            }
+            shape::SPHERE => {
+                // Uniform over the cone of directions to it. Source: Shirley et al. 1996.
+                let radius2 = self.world_from_object.determinant().abs().powf(2.0 / 3.0);
+                let toward = center - position;
+                let distance2 = toward.length_squared();
+                if distance2 <= radius2 {
+                    return None;
+                }
+                // One less the cosine of the half angle, also where that is small.
+                let sin2 = radius2 / distance2;
+                let opening = sin2 / (1.0 + (1.0 - sin2).sqrt());
+                let below = first * opening;
+                let across = (below * (2.0 - below)).max(0.0).sqrt();
+                let (x, y) = toward.normalize().any_orthonormal_pair();
+                let (sin, cos) = (second * core::f64::consts::TAU).sin_cos();
+                let direction = toward.normalize() * (1.0 - below) + (x * cos + y * sin) * across;
+                let along = direction.dot(toward);
+                let to_edge = (radius2 - distance2 + along * along).max(0.0).sqrt();
+                (position + direction * (along - to_edge), core::f64::consts::TAU * opening)
+            }
+            _ => {
+                let (x, y) = (self.world_from_object.x_axis.truncate(), self.world_from_object.y_axis.truncate());
+                let point = center + x * (2.0 * first - 1.0) + y * (2.0 * second - 1.0);
+                let front = x.cross(y) * (if self.mirrored { -4.0 } else { 4.0 });
+                let away = position - point;
+                let facing = front.dot(away);
+                let facing = if self.two_sided { facing.abs() } else { facing.max(0.0) };
+                (point, facing / away.length().powi(3))
+            }
+        };
+        (solid_angle > 0.0).then_some((point, self.emission * solid_angle))
+    }
+}
+
+fn distant_lights(frame: &Frame, scene: &SceneView<'_>) -> Vec<(DVec3, DVec3)> {
+    let starts = (frame.distant_at..frame.materials_at).step_by(distant_record::WORDS as usize);
+    let vector = |at: u32| scene.record_vector(at).as_dvec3();
+    starts.map(|at| (vector(at + distant_record::DIRECTION), vector(at + distant_record::IRRADIANCE))).collect()
 }
 
 /// Cumulative weights over the texels of the environment.
@@ -122,6 +231,12 @@ fn uniform(rng: &mut Pcg64Mcg) -> f64 {
     (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64
 }
 
+/// One of `all`, each with the same probability; draws nothing from `rng` if there is none.
+fn one_of<'b, T>(all: &'b [T], rng: &mut Pcg64Mcg) -> Option<&'b T> {
+    let last = all.len().checked_sub(1)?;
+    all.get(((uniform(rng) * all.len() as f64) as usize).min(last))
+}
+
 impl<'a> Reference<'a> {
     /// The integrator for a packed scene seen as `frame` says. `path_length` counts the surfaces of a path.
     pub fn new(packed: &'a PackedScene, frame: Frame, path_length: u32) -> Self {
@@ -131,6 +246,8 @@ impl<'a> Reference<'a> {
             scene,
             bvh: &packed.bvh,
             environment: EnvironmentTable::new(&frame, &scene),
+            shapes: Shape::all(&frame, &scene),
+            distant: distant_lights(&frame, &scene),
             masks: packed.features.contains(&Feature::TEXTURES),
             instances: packed.features.contains(&Feature::INSTANCES),
             path_length,
@@ -228,16 +345,21 @@ impl<'a> Reference<'a> {
                 let doubled = triangle.doubled_area_normal().as_dvec3();
                 // pdf over area times d^2 / cos, with cos = |n.d| / |n| and area = |n| / 2.
                 let pdf_light = self.area_share() * 2.0 * f64::from(hit.t).powi(2)
-                    / (f64::from(self.frame.light_count) * doubled.dot(direction.as_dvec3()).abs().max(1e-300));
+                    / (self.triangle_count() * doubled.dot(direction.as_dvec3()).abs().max(1e-300));
                 radiance += throughput * found.emitted.as_dvec3() * (pdf / (pdf + pdf_light));
             }
         }
         radiance
     }
 
+    /// Emissive triangles.
+    fn triangle_count(&self) -> f64 {
+        f64::from(self.frame.light_count) - self.shapes.len() as f64
+    }
+
     /// Probability of drawing an emissive triangle rather than the environment.
     fn area_share(&self) -> f64 {
-        match (self.frame.light_count > 0, self.environment.is_some()) {
+        match (self.triangle_count() > 0.0, self.environment.is_some()) {
             (true, true) => 0.5,
             (true, false) => 1.0,
             _ => 0.0,
@@ -261,18 +383,52 @@ impl<'a> Reference<'a> {
     /// Reflected light of one light sample, weighted against the BSDF's chance of finding it.
     fn light_sample(&self, surface: &Surface, bsdf: &Bsdf, rng: &mut Pcg64Mcg) -> DVec3 {
         let choice = uniform(rng);
-        if choice < self.area_share() {
+        let found = if choice < self.area_share() {
             self.triangle_sample(surface, bsdf, rng)
         } else if let Some(table) = &self.environment {
             self.environment_sample(table, surface, bsdf, rng)
         } else {
             DVec3::ZERO
+        };
+        found + self.shape_sample(surface, bsdf, rng) + self.distant_sample(surface, bsdf, rng)
+    }
+
+    /// Reflected light of one shape, for all of them.
+    fn shape_sample(&self, surface: &Surface, bsdf: &Bsdf, rng: &mut Pcg64Mcg) -> DVec3 {
+        let Some(shape) = one_of(&self.shapes, rng) else { return DVec3::ZERO };
+        let position = surface.position();
+        let Some((point, irradiance)) = shape.sample(position.as_dvec3(), rng) else { return DVec3::ZERO };
+        let toward = point - position.as_dvec3();
+        let direction = toward.normalize().as_vec3();
+        let reflected = bsdf.evaluate::<true>(direction).as_dvec3();
+        if reflected == DVec3::ZERO {
+            return DVec3::ZERO;
         }
+        let origin = offset_origin(position, surface.normal_geometric(), surface.error, direction);
+        if !self.visible(&Ray { origin, direction: point.as_vec3() - origin, t_max: 1.0 }) {
+            return DVec3::ZERO;
+        }
+        reflected * irradiance * self.shapes.len() as f64
+    }
+
+    /// Reflected light of one directional light, for all of them.
+    fn distant_sample(&self, surface: &Surface, bsdf: &Bsdf, rng: &mut Pcg64Mcg) -> DVec3 {
+        let Some((direction, irradiance)) = one_of(&self.distant, rng) else { return DVec3::ZERO };
+        let direction = direction.as_vec3();
+        let reflected = bsdf.evaluate::<true>(direction).as_dvec3();
+        let origin = offset_origin(surface.position(), surface.normal_geometric(), surface.error, direction);
+        if reflected == DVec3::ZERO || !self.visible(&Ray { origin, direction, t_max: FAR }) {
+            return DVec3::ZERO;
+        }
+        reflected * *irradiance * self.distant.len() as f64
     }
 
     fn triangle_sample(&self, surface: &Surface, bsdf: &Bsdf, rng: &mut Pcg64Mcg) -> DVec3 {
         let (frame, scene) = (&self.frame, &self.scene);
-        let id = ((uniform(rng) * f64::from(frame.light_count)) as u32).min(frame.light_count - 1);
+        let count = frame.light_count - self.shapes.len() as u32;
+        let mut id = ((uniform(rng) * f64::from(count)) as u32).min(count - 1);
+        // Shapes stand among them, in the order of their ids.
+        self.shapes.iter().for_each(|shape| id += u32::from(shape.light <= id));
         let light::Place { instance, triangle } = light::find(frame, scene, id);
         let vertices = scene.world_triangle(frame, instance, triangle);
         let root = uniform(rng).sqrt();
@@ -302,8 +458,7 @@ impl<'a> Reference<'a> {
             return DVec3::ZERO;
         }
         // 1 / (light_count * area) per area, to solid angle by d^2 / cos = d^3 |n| / |n.toward|.
-        let pdf =
-            self.area_share() * 2.0 * distance2 * distance2.sqrt() / (f64::from(frame.light_count) * facing.abs());
+        let pdf = self.area_share() * 2.0 * distance2 * distance2.sqrt() / (self.triangle_count() * facing.abs());
         let normal = (doubled / doubled.length()).as_vec3();
         let origin = offset_origin(surface.position(), surface.normal_geometric(), surface.error, direction);
         let end = offset_origin(point, normal, vertices.error(), -direction);

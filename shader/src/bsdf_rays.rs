@@ -38,7 +38,7 @@ pub fn bsdf_rays<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES:
     let origin = offset_origin(surface.position(), bsdf.normal_geometric, surface.error, direction);
     let hit = closest_hit::<TEXTURES, INSTANCES>(frame, scene, bvh, &Ray { origin, direction, t_max: FAR });
     if hit.is_miss() {
-        if !ENVIRONMENT {
+        if !ENVIRONMENT || frame.environment_width == 0 {
             return Reservoir::EMPTY;
         }
         let (texel, uv) = environment::locate(frame, direction);

@@ -32,7 +32,7 @@ struct Shares {
     tree: u32,
     environment: u32,
     bsdf: u32,
-    /// Every emissive triangle once instead of drawing from the table.
+    /// Every emissive triangle and shape once instead of drawing from the table.
     enumerate: bool,
     /// The row of lights drawn ahead, or of a cut, that the table's candidates come from, or [`NO_ROW`].
     row: u32,
@@ -46,7 +46,7 @@ impl Shares {
     /// has as many as it may.
     fn new<const ENVIRONMENT: bool>(frame: &Frame, px: UVec2, domain: &Domain) -> Self {
         let all = if is_on_lattice(frame, px) { frame.candidates } else { frame.candidates_off_lattice };
-        let environment = if !ENVIRONMENT {
+        let environment = if !ENVIRONMENT || environment::count(frame) == 0 {
             0
         } else if frame.light_count == 0 {
             all
@@ -335,10 +335,11 @@ fn offer_candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULA
         if id != NO_LIGHT {
             let point = if is_distant {
                 light::evaluate_environment(frame, scene, id, uv)
-            } else if record.has_light() {
+            } else if record.has_light() && !(ENVIRONMENT && record.is_punctual()) {
                 record.point()
             } else {
-                light::evaluate_triangle::<TEXTURES>(frame, scene, light::place_of(frame, scene, address), uv)
+                let place = light::place_of(frame, scene, address);
+                light::evaluate_at::<TEXTURES, ENVIRONMENT>(frame, scene, place, uv)
             };
             // Of a light drawn ahead: its contribution weight, in place of one over its probability.
             let record_scale = if record.has_light() { record.scale } else { 1.0 };
@@ -388,9 +389,9 @@ fn offer_candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULA
 /// Offers light samples to a reservoir and keeps one; the zero reservoir for sky.
 ///
 /// The target p̂ is the mean over the colour channels of the unshadowed reflected radiance, per unit of (u, v).
-/// Techniques: emissive triangles by the scene's tables, or each once if there are no more of them than candidates;
-/// emissive triangles by the light tree; texels of the environment; directions from the BSDF (`bsdf_hits`). A candidate
-/// has the weight p̂ / sum of N_t p_t over the techniques t that can draw it, all densities over (light, u, v): balance
+/// Techniques: emissive triangles and shapes by the scene's tables, or each once if there are no more of them than
+/// candidates; the same by the light tree; texels of the environment and directional lights; directions from the BSDF
+/// (`bsdf_hits`), which find neither shapes nor directional lights. A candidate has the weight p̂ / sum of N_t p_t over the techniques t that can draw it, all densities over (light, u, v): balance
 /// weights, multiplied out.
 ///
 /// The tables' candidates may come from lights drawn ahead (`presampled`). In tiles they have the law of the tables. In

@@ -28,8 +28,8 @@ passes! {
         = primary::primary;
     reservoir bsdf_rays[TEXTURES ENVIRONMENT INSTANCES](scene, bvh: [UVec4], surfaces: [Surface])
         -> (bsdf_hits: [Reservoir]) = bsdf_rays::bsdf_rays;
-    record presample_tiles[TEXTURES](scene, lights: [u32]) -> (presampled: [LightRecord]) = presample::tiles;
-    record presample_cells[TEXTURES](scene, lights: [u32]) -> (presampled: [LightRecord]) = presample::cells;
+    record presample_tiles[TEXTURES ENVIRONMENT](scene, lights: [u32]) -> (presampled: [LightRecord]) = presample::tiles;
+    record presample_cells[TEXTURES ENVIRONMENT](scene, lights: [u32]) -> (presampled: [LightRecord]) = presample::cells;
     record light_cuts[](scene, lights: [u32], surfaces: [Surface]) -> (presampled: [LightRecord]) = presample::cuts;
     reservoir candidates[TEXTURES ENVIRONMENT SPECULAR](scene, lights: [u32], surfaces: [Surface],
         bsdf_hits: [Reservoir], presampled: [LightRecord]) -> (fresh: [Reservoir]) = candidates::candidates;

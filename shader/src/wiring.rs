@@ -85,9 +85,11 @@ macro_rules! passes {
     (@variants $kind:ident $f:tt [] $i:tt $o:tt) => {
         $crate::passes!{ @$kind main $f [] $i $o }
     };
-    (@variants $kind:ident $f:tt [$a:ident] $i:tt $o:tt) => {
-        $crate::passes!{ @$kind o $f [false] $i $o }
-        $crate::passes!{ @$kind x $f [true] $i $o }
+    (@variants $kind:ident $f:tt [$a:ident $b:ident] $i:tt $o:tt) => {
+        $crate::passes!{ @$kind oo $f [false, false] $i $o }
+        $crate::passes!{ @$kind xo $f [true, false] $i $o }
+        $crate::passes!{ @$kind ox $f [false, true] $i $o }
+        $crate::passes!{ @$kind xx $f [true, true] $i $o }
     };
     (@variants $kind:ident $f:tt [$a:ident $b:ident $c:ident] $i:tt $o:tt) => {
         $crate::passes!{ @$kind ooo $f [false, false, false] $i $o }
@@ -100,7 +102,12 @@ macro_rules! passes {
         $crate::passes!{ @$kind xxx $f [true, true, true] $i $o }
     };
     (@table $name:ident []) => { &[$crate::passes!(@row $name main)] };
-    (@table $name:ident [$a:ident]) => { &[$crate::passes!(@row $name o), $crate::passes!(@row $name x)] };
+    (@table $name:ident [$a:ident $b:ident]) => {
+        &[
+            $crate::passes!(@row $name oo), $crate::passes!(@row $name xo),
+            $crate::passes!(@row $name ox), $crate::passes!(@row $name xx),
+        ]
+    };
     (@table $name:ident [$a:ident $b:ident $c:ident]) => {
         &[
             $crate::passes!(@row $name ooo), $crate::passes!(@row $name xoo),
@@ -343,7 +350,7 @@ mod host {
     pub enum Feature {
         /// Some material has an image.
         TEXTURES,
-        /// There is light from infinitely far away.
+        /// There are lights other than emissive triangles: an environment, directional lights or shapes.
         ENVIRONMENT,
         /// More than one instance, or one that is not in place.
         INSTANCES,

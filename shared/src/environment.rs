@@ -1,5 +1,5 @@
 //! Light from infinitely far away: an equirectangular map, looked up bilinearly and sampled by an alias table over
-//! its texels.
+//! its texels; directional lights, which stand behind the texels in that table.
 
 use core::f32::consts::{FRAC_1_PI, PI, TAU};
 use glam::Vec3;
@@ -8,7 +8,7 @@ use crate::{
     alias,
     frame::Frame,
     numerics::{atan2, floor, load, max, min, pack_cell, sin_cos, sqrt},
-    scene::Scene,
+    scene::{Scene, distant_record},
 };
 
 /// World direction of the point (x, y) of the map, in texels, and the solid angle of a texel there.
@@ -65,14 +65,29 @@ fn coordinates(frame: &Frame, direction: Vec3) -> (f32, f32) {
     (min(x, frame.environment_width as f32), y)
 }
 
-/// Radiance from `direction` (of length 1), in W sr^-1 m^-2.
+/// Texels of the map; none without one.
+#[inline(always)]
+pub fn texel_count(frame: &Frame) -> u32 {
+    frame.environment_width * frame.environment_height
+}
+
+/// Entries of the table: texels of the map, then directional lights.
+#[inline(always)]
+pub fn count(frame: &Frame) -> u32 {
+    texel_count(frame) + (frame.materials_at - frame.distant_at) / distant_record::WORDS
+}
+
+/// Radiance from `direction` (of length 1), in W sr^-1 m^-2; directional lights are too small to be seen.
 #[inline(always)]
 pub fn radiance(frame: &Frame, scene: &Scene, direction: Vec3) -> Vec3 {
+    if frame.environment_width == 0 {
+        return Vec3::ZERO;
+    }
     let (x, y) = coordinates(frame, direction);
     radiance_at(frame, scene, x, y)
 }
 
-/// The texel that a direction (of length 1) lies in, and where in it: two 16-bit coordinates.
+/// The texel that a direction (of length 1) lies in, and where in it: two 16-bit coordinates. There must be a map.
 #[inline(always)]
 pub fn locate(frame: &Frame, direction: Vec3) -> (u32, u32) {
     let (x, y) = coordinates(frame, direction);
@@ -92,9 +107,25 @@ pub struct EnvironmentSample {
     pub solid_angle: f32,
 }
 
-/// The point (u, v), both in 0..1, of texel number `index`.
+/// The directional light that stands `number` entries into the table's part for them.
+#[inline(always)]
+fn distant(frame: &Frame, scene: &Scene, number: u32) -> EnvironmentSample {
+    let at = frame.distant_at + number * distant_record::WORDS;
+    EnvironmentSample {
+        direction: scene.record_vector(at + distant_record::DIRECTION),
+        radiance: scene.record_vector(at + distant_record::IRRADIANCE),
+        solid_angle: 1.0,
+    }
+}
+
+/// The point (u, v), both in 0..1, of entry number `index`: of a texel, or a directional light as a whole, whose
+/// irradiance stands for radiance over one sr.
 #[inline(always)]
 pub fn evaluate(frame: &Frame, scene: &Scene, index: u32, u: f32, v: f32) -> EnvironmentSample {
+    let texels = texel_count(frame);
+    if index >= texels {
+        return distant(frame, scene, index - texels);
+    }
     let row = index / frame.environment_width;
     let x = (index - row * frame.environment_width) as f32 + u;
     let y = row as f32 + v;
@@ -102,17 +133,16 @@ pub fn evaluate(frame: &Frame, scene: &Scene, index: u32, u: f32, v: f32) -> Env
     EnvironmentSample { direction, radiance: radiance_at(frame, scene, x, y), solid_angle }
 }
 
-/// Probability with which [`pick`] draws a texel.
+/// Probability with which [`pick`] draws an entry.
 #[inline(always)]
 pub fn pmf(frame: &Frame, lights: &[u32], index: u32) -> f32 {
     alias::pmf(lights, frame.environment_table_at, index)
 }
 
-/// A texel by its power, with its probability.
+/// A texel or directional light by its power, with its probability.
 #[inline(always)]
 pub fn pick(frame: &Frame, lights: &[u32], first: u32, second: u32) -> alias::Pick {
-    let count = frame.environment_width * frame.environment_height;
-    alias::pick(lights, frame.environment_table_at, count, first, second)
+    alias::pick(lights, frame.environment_table_at, count(frame), first, second)
 }
 
 /// Weight of each texel in the alias table: luminance-like mean of the bilinear lookup over the texel, times the

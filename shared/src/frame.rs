@@ -52,14 +52,14 @@ pub struct Frame {
     pub emitters_at: u32,
     /// Instances that emit.
     pub emitter_count: u32,
-    /// Emissive triangles over all instances.
+    /// Lights over all instances: emissive triangles, and one of each shape that emits.
     pub light_count: u32,
 
-    /// Light samples drawn for a pixel and frame; environment included.
+    /// Light samples drawn for a pixel and frame; environment and directional lights included.
     pub candidates: u32,
-    /// Where light samples on emissive triangles are drawn from, see [`crate::light::source`].
+    /// Where light samples on emissive triangles and shapes are drawn from, see [`crate::light::source`].
     pub source: u32,
-    /// Where the environment's alias table starts in `lights`.
+    /// Where the alias table over the environment's texels and the directional lights behind them starts in `lights`.
     pub environment_table_at: u32,
     /// Where the environment's radiance starts in `texels`.
     pub environment_texels_at: u32,
@@ -132,8 +132,8 @@ pub struct Frame {
     pub light_guide_at: u32,
     /// Lights of a bucket of that guide, as a power of two.
     pub light_guide_shift: u32,
-    /// Not used.
-    pub padding: u32,
+    /// Where the directional lights start in `records`; they end where the materials start.
+    pub distant_at: u32,
     /// Where the light tree over emitters starts in `lights`.
     pub light_tree_at: u32,
 
@@ -192,6 +192,7 @@ impl FramePair {
             environment_sin: if past { prev.environment_sin } else { now.environment_sin },
             environment_scale: if past { prev.environment_scale } else { now.environment_scale },
             materials_at: now.materials_at,
+            distant_at: now.distant_at,
             textures_at: now.textures_at,
             environment_texels_at: now.environment_texels_at,
             environment_width: now.environment_width,

@@ -1,24 +1,26 @@
-//! Lights: emissive triangles and the environment, addressed by an id and a point of the unit square.
+//! Lights: emissive triangles, shapes (points, spots, spheres, rectangles), texels of the environment and directional
+//! lights, addressed by an id and a point of the unit square.
 
+use core::f32::consts::{PI, TAU};
 use glam::Vec3;
 
 use crate::{
     alias, environment,
     frame::Frame,
-    numerics::{multiply_high, sqrt, unorm16_center},
-    ray::{FAR, Hit, Ray, offset_origin},
-    scene::{NO_INSTANCE, NO_TEXTURE, Scene, emitter_record, instance_record, material_record},
+    numerics::{clamp, multiply_high, safe_sqrt, sin_cos, sqrt, unorm16_center},
+    ray::{FAR, Hit, Ray, max_abs, offset_origin, position_error},
+    scene::{NO_INSTANCE, NO_TEXTURE, Scene, attribute_flags, emitter_record, instance_record, material_record, shape},
     surface::Surface,
     texture,
     triangle::square_to_triangle,
 };
 
-/// Marks a light id as a texel of the environment.
+/// Marks a light id as a texel of the environment, or behind the last texel as a directional light.
 pub const ENVIRONMENT_BIT: u32 = 0x8000_0000;
 
-/// Where candidates on emissive triangles are drawn from.
+/// Where candidates on emissive triangles and shapes are drawn from.
 pub mod source {
-    /// All triangles alike.
+    /// All of them alike.
     pub const UNIFORM: u32 = 0;
     /// The scene's alias tables: by power.
     pub const POWER: u32 = 1;
@@ -35,14 +37,15 @@ pub mod source {
 /// Where light comes from: a point of a light, evaluated.
 #[derive(Clone, Copy)]
 pub struct LightPoint {
-    /// World space; for the environment, the direction toward it.
+    /// World space; where `distant`, the direction toward it.
     pub position: Vec3,
-    /// Front face of an emissive triangle, of length 1; zero for the environment.
+    /// Front face of an emissive triangle or of a shape, or the axis of a spot, of length 1; zero where there is none.
     pub normal: Vec3,
-    /// Emitted radiance, in W sr^-1 m^-2.
+    /// Emitted radiance, in W sr^-1 m^-2. Where `punctual`, radiant intensity on the axis, in W sr^-1; of a directional
+    /// light, irradiance, in W m^-2.
     pub radiance: Vec3,
     /// Area in square scene units, or solid angle in sr, for the unit square of (u, v): the Jacobian that turns a
-    /// density over (u, v) into one over area or solid angle.
+    /// density over (u, v) into one over area or solid angle. 1 for lights that are one point or one direction.
     pub jacobian: f32,
     /// Margin around `position` for rays that end there.
     pub error: f32,
@@ -50,6 +53,14 @@ pub struct LightPoint {
     pub two_sided: bool,
     /// Whether the light is infinitely far away.
     pub distant: bool,
+    /// Whether no ray finds it: a shape or a directional light.
+    pub analytic: bool,
+    /// Whether it is a single point: then it has a falloff in place of a cosine.
+    pub punctual: bool,
+    /// Falloff of a punctual light: (cosine with the axis * `falloff_scale` + `falloff_offset`), clamped to 0..1, squared.
+    pub falloff_scale: f32,
+    /// See `falloff_scale`.
+    pub falloff_offset: f32,
 }
 
 impl LightPoint {
@@ -62,7 +73,20 @@ impl LightPoint {
         error: 0.0,
         two_sided: false,
         distant: false,
+        analytic: false,
+        punctual: false,
+        falloff_scale: 0.0,
+        falloff_offset: 0.0,
     };
+
+    /// Share of its intensity that a punctual light sends where the cosine with its axis is `cosine`.
+    ///
+    /// Source: KHR_lights_punctual, the extension of glTF 2.0.
+    #[inline(always)]
+    pub fn falloff(&self, cosine: f32) -> f32 {
+        let linear = clamp(cosine * self.falloff_scale + self.falloff_offset, 0.0, 1.0);
+        linear * linear
+    }
 }
 
 /// What of a light point reaches a surface, if nothing is in between.
@@ -70,16 +94,18 @@ impl LightPoint {
 pub struct Arriving {
     /// From the surface toward the light, of length 1.
     pub direction: Vec3,
-    /// Radiance times `solid_angle`, in W m^-2: times BSDF and cosine it is the integrand over (u, v).
+    /// On a surface that faces the light, for the unit square of (u, v), in W m^-2: times BSDF and cosine it is the
+    /// integrand over (u, v).
     pub irradiance: Vec3,
-    /// |d solid angle / d (u, v)|, in sr: turns a density over solid angle into one over (u, v).
+    /// |d solid angle / d (u, v)|, in sr: turns a density over solid angle into one over (u, v). 0 for lights that no
+    /// direction finds.
     pub solid_angle: f32,
 }
 
 /// A light id that stands for none.
 pub const NO_LIGHT: u32 = 0xffff_ffff;
 
-/// The emitter (an instance that emits) of an emissive triangle.
+/// The emitter (an instance that emits) of an emissive triangle or shape.
 #[inline(always)]
 fn emitter_of(frame: &Frame, scene: &Scene, light: u32) -> u32 {
     // The guide has the emitter of the first light of every bucket, and at last that of the last light of all; most
@@ -98,7 +124,7 @@ fn emitter_of(frame: &Frame, scene: &Scene, light: u32) -> u32 {
     low
 }
 
-/// A light by its emitter, and its number among the emissive triangles of that emitter's mesh.
+/// A light by its emitter, and its number among the emissive triangles of that emitter's mesh; 0 for a shape.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Address {
     /// Number among the emitters.
@@ -120,7 +146,7 @@ pub fn light_at(frame: &Frame, scene: &Scene, address: Address) -> u32 {
     scene.emitter_word(frame, address.emitter, emitter_record::FIRST_LIGHT) + address.local
 }
 
-/// Where the triangle of a light is.
+/// Where the triangle of a light is; of a shape, which has none, its instance and the place of its material.
 #[derive(Clone, Copy)]
 pub struct Place {
     /// Its instance.
@@ -148,14 +174,14 @@ pub fn find(frame: &Frame, scene: &Scene, light: u32) -> Place {
 #[inline(always)]
 pub fn exists(frame: &Frame, light: u32) -> bool {
     if (light & ENVIRONMENT_BIT) != 0 {
-        (light & !ENVIRONMENT_BIT) < frame.environment_width * frame.environment_height
+        (light & !ENVIRONMENT_BIT) < environment::count(frame)
     } else {
         light < frame.light_count
     }
 }
 
 /// The id in frame `to` of what has the id `light` in frame `from`; [`NO_LIGHT`] if it is not there. One of the frames
-/// is the one before the other. The environment is in both or in none.
+/// is the one before the other. The environment and directional lights are in both or in none.
 #[inline(always)]
 pub fn translate(from: &Frame, to: &Frame, scene: &Scene, light: u32) -> u32 {
     // Without a table of its own, a frame shares that of the frame before: nothing has moved.
@@ -190,22 +216,94 @@ pub fn evaluate<const TEXTURES: bool, const ENVIRONMENT: bool>(
     if ENVIRONMENT && (light & ENVIRONMENT_BIT) != 0 {
         return evaluate_environment(frame, scene, light, uv);
     }
-    evaluate_triangle::<TEXTURES>(frame, scene, find(frame, scene, light), uv)
+    evaluate_at::<TEXTURES, ENVIRONMENT>(frame, scene, find(frame, scene, light), uv)
 }
 
-/// [`evaluate`] for a texel of the environment.
+/// [`evaluate`] for an emissive triangle or a shape whose place is known; `SHAPES`: whether there may be shapes.
+#[inline(always)]
+pub fn evaluate_at<const TEXTURES: bool, const SHAPES: bool>(
+    frame: &Frame,
+    scene: &Scene,
+    place: Place,
+    uv: u32,
+) -> LightPoint {
+    if SHAPES && scene.shape_of(frame, place.instance) != shape::TRIANGLES {
+        return evaluate_shape(frame, scene, place, uv);
+    }
+    evaluate_triangle::<TEXTURES>(frame, scene, place, uv)
+}
+
+/// [`evaluate`] for a shape: uniform over its area in (u, v), if it has one.
+#[inline(always)]
+pub fn evaluate_shape(frame: &Frame, scene: &Scene, place: Place, uv: u32) -> LightPoint {
+    let Place { instance, triangle } = place;
+    let (u, v) = (unorm16_center(uv), unorm16_center(uv >> 16));
+    let shape = scene.shape_of(frame, instance);
+    let matrix = scene.instance_at(frame, instance) + instance_record::WORLD_FROM_OBJECT;
+    let center = scene.transform_point(matrix, Vec3::ZERO);
+    let material = scene.material_of(frame, instance, triangle);
+    let none = LightPoint {
+        position: center,
+        radiance: scene.emission(frame, instance, material),
+        analytic: true,
+        ..LightPoint::NONE
+    };
+    if shape == shape::SPHERE {
+        let radius = f32::from_bits(scene.instance_word(frame, instance, instance_record::RADIUS));
+        let z = 1.0 - 2.0 * u;
+        let across = safe_sqrt(1.0 - z * z);
+        let (sin, cos) = sin_cos((v - 0.5) * TAU);
+        let normal = Vec3::new(across * cos, across * sin, z);
+        LightPoint {
+            position: center + normal * radius,
+            normal,
+            jacobian: 4.0 * PI * (radius * radius),
+            error: position_error(max_abs(center) + radius),
+            ..none
+        }
+    } else if shape == shape::RECTANGLE {
+        let (x, y) = (scene.transform_vector(matrix, Vec3::X), scene.transform_vector(matrix, Vec3::Y));
+        let flags = scene.instance_word(frame, instance, instance_record::FLAGS);
+        let facing = if (flags & attribute_flags::MIRRORED) != 0 { -1.0 } else { 1.0 };
+        let cross = x.cross(y) * facing;
+        let area = sqrt(cross.length_squared());
+        let scale = if area > 0.0 { 1.0 / area } else { 0.0 };
+        LightPoint {
+            position: center + x * (2.0 * u - 1.0) + y * (2.0 * v - 1.0),
+            normal: cross * scale,
+            jacobian: 4.0 * area,
+            error: position_error(max_abs(center) + max_abs(x) + max_abs(y)),
+            two_sided: scene.material_word(material, material_record::TWO_SIDED) != 0,
+            ..none
+        }
+    } else {
+        let attributes = scene.instance_word(frame, instance, instance_record::ATTRIBUTES_AT);
+        let axis = scene.transform_vector(matrix, Vec3::NEG_Z);
+        let length = sqrt(axis.length_squared());
+        LightPoint {
+            normal: axis * (if length > 0.0 { 1.0 / length } else { 0.0 }),
+            jacobian: 1.0,
+            punctual: true,
+            falloff_scale: f32::from_bits(scene.record(attributes + shape::FALLOFF_SCALE)),
+            falloff_offset: f32::from_bits(scene.record(attributes + shape::FALLOFF_OFFSET)),
+            ..none
+        }
+    }
+}
+
+/// [`evaluate`] for a texel of the environment, or a directional light.
 #[inline(always)]
 pub fn evaluate_environment(frame: &Frame, scene: &Scene, light: u32, uv: u32) -> LightPoint {
     let (u, v) = (unorm16_center(uv), unorm16_center(uv >> 16));
-    let sample = environment::evaluate(frame, scene, light & !ENVIRONMENT_BIT, u, v);
+    let index = light & !ENVIRONMENT_BIT;
+    let sample = environment::evaluate(frame, scene, index, u, v);
     LightPoint {
         position: sample.direction,
-        normal: Vec3::ZERO,
         radiance: sample.radiance,
         jacobian: sample.solid_angle,
-        error: 0.0,
-        two_sided: false,
         distant: true,
+        analytic: index >= environment::texel_count(frame),
+        ..LightPoint::NONE
     }
 }
 
@@ -238,16 +336,18 @@ pub fn evaluate_triangle<const TEXTURES: bool>(frame: &Frame, scene: &Scene, pla
         jacobian: 0.5 * doubled_area,
         error: vertices.error(),
         two_sided: scene.material_word(material, material_record::TWO_SIDED) != 0,
-        distant: false,
+        ..LightPoint::NONE
     }
 }
 
-/// What of `light` reaches `position`: zero behind a one-sided light, in its plane, and at distance zero.
+/// What of `light` reaches `position`: zero behind a one-sided light, in its plane, and at distance zero. `ENVIRONMENT`:
+/// whether there may be other lights than emissive triangles.
 #[inline(always)]
 pub fn arriving<const ENVIRONMENT: bool>(position: Vec3, light: &LightPoint) -> Arriving {
     if ENVIRONMENT && light.distant {
         let irradiance = light.radiance * light.jacobian;
-        return Arriving { direction: light.position, irradiance, solid_angle: light.jacobian };
+        let solid_angle = if light.analytic { 0.0 } else { light.jacobian };
+        return Arriving { direction: light.position, irradiance, solid_angle };
     }
     let toward = light.position - position;
     let distance2 = toward.length_squared();
@@ -256,12 +356,16 @@ pub fn arriving<const ENVIRONMENT: bool>(position: Vec3, light: &LightPoint) -> 
     }
     let direction = toward * (1.0 / sqrt(distance2));
     let facing = -light.normal.dot(direction);
-    let cosine = if light.two_sided && facing < 0.0 { -facing } else { facing };
+    let mut cosine = if light.two_sided && facing < 0.0 { -facing } else { facing };
+    if ENVIRONMENT && light.punctual {
+        cosine = light.falloff(facing);
+    }
     if !(cosine > 0.0) {
         return Arriving { direction, irradiance: Vec3::ZERO, solid_angle: 0.0 };
     }
     let solid_angle = cosine * light.jacobian / distance2;
-    Arriving { direction, irradiance: light.radiance * solid_angle, solid_angle }
+    let irradiance = light.radiance * solid_angle;
+    Arriving { direction, irradiance, solid_angle: if ENVIRONMENT && light.analytic { 0.0 } else { solid_angle } }
 }
 
 /// The ray between a surface and a light point, clear of both by their margins.
@@ -279,7 +383,7 @@ pub fn shadow_ray<const ENVIRONMENT: bool>(surface: &Surface, light: &LightPoint
     Ray { origin, direction: end - origin, t_max: 1.0 }
 }
 
-/// An emissive triangle that was drawn.
+/// An emissive triangle or shape that was drawn.
 #[derive(Clone, Copy)]
 pub struct Picked {
     /// Which.
@@ -288,7 +392,7 @@ pub struct Picked {
     pub pmf: f32,
 }
 
-/// An emissive triangle by the scene's tables, or uniformly where [`source`] says so, from four times 32 random bits.
+/// An emissive triangle or shape by the scene's tables, or uniformly where [`source`] says so, from four times 32 random bits.
 #[inline(always)]
 pub fn pick(frame: &Frame, scene: &Scene, lights: &[u32], bits: [u32; 4]) -> Picked {
     if frame.source == source::UNIFORM {

@@ -1,4 +1,4 @@
-//! The light tree: emissive triangles in proportion to how much of their light may reach a surface, if nothing is in
+//! The light tree: emissive triangles and shapes in proportion to how much of their light may reach a surface, if nothing is in
 //! between.
 //!
 //! Two levels: a tree over emitters, in world space, and for each mesh one over its emissive triangles, in object space,
@@ -63,10 +63,10 @@ pub const MAX_DEPTH: u32 = 10;
 /// Probabilities of a choice are whole multiples of one part in this, so that they are exactly what they are said to be.
 const ONE: u32 = 1 << 23;
 
-/// An emissive triangle, and the probability of a walk to it.
+/// An emissive triangle or shape, and the probability of a walk to it.
 #[derive(Clone, Copy)]
 pub struct Reached {
-    /// The triangle; of no meaning if `pmf` is 0.
+    /// The light; of no meaning if `pmf` is 0.
     pub address: Address,
     /// Its probability; 0 if the walk ended early, because no light below reaches the surface.
     pub pmf: f32,

@@ -14,7 +14,7 @@ use glam::{UVec2, Vec3};
 use crate::{
     frame::Frame,
     light::{self, Address, LightPoint},
-    numerics::{clamp, floor, max, multiply_high, sqrt},
+    numerics::{clamp, floor, max, multiply_high, safe_sqrt, sqrt},
     ray::max_abs,
     resample::{Chooser, Stream, candidate_scale},
     rng::{Rng, Stage},
@@ -42,7 +42,7 @@ pub struct LightRecord {
     pub pmf: f32,
     /// `pmf` times the contribution weight of the record: 1 where it was drawn by `pmf` alone.
     pub scale: f32,
-    /// Lowest bit: whether both faces emit. Above it: the kind of the first [`crate::fault`] in making the record.
+    /// Bits of [`state`].
     pub state: u32,
     /// Emitter of the light, see [`Address`].
     pub emitter: u32,
@@ -51,6 +51,18 @@ pub struct LightRecord {
 }
 
 const _: () = assert!(size_of::<LightRecord>() == 64 && offset_of!(LightRecord, scale) == 48);
+
+/// Bits of a record's state.
+mod state {
+    /// Both faces emit.
+    pub const TWO_SIDED: u32 = 1;
+    /// No ray finds the light.
+    pub const ANALYTIC: u32 = 2;
+    /// The light is a single point, and a record has no room for its falloff.
+    pub const PUNCTUAL: u32 = 4;
+    /// From this bit on: the kind of the first [`crate::fault`] in making the record.
+    pub const FAULT_SHIFT: u32 = 3;
+}
 
 impl LightRecord {
     /// No light.
@@ -76,7 +88,9 @@ impl LightRecord {
             radiance: point.radiance,
             pmf,
             scale,
-            state: if point.two_sided { 1 } else { 0 },
+            state: (if point.two_sided { state::TWO_SIDED } else { 0 })
+                | (if point.analytic { state::ANALYTIC } else { 0 })
+                | (if point.punctual { state::PUNCTUAL } else { 0 }),
             emitter: address.emitter,
             local: address.local,
         }
@@ -94,6 +108,12 @@ impl LightRecord {
         Address { emitter: self.emitter, local: self.local }
     }
 
+    /// Whether the light has to be evaluated again, by its address, because [`LightRecord::point`] is not all of it.
+    #[inline(always)]
+    pub fn is_punctual(&self) -> bool {
+        (self.state & state::PUNCTUAL) != 0
+    }
+
     /// The point, good for targets: its normal has the length of its area, so its Jacobian is 1.
     #[inline(always)]
     pub fn point(&self) -> LightPoint {
@@ -102,38 +122,49 @@ impl LightRecord {
             normal: self.area,
             radiance: self.radiance,
             jacobian: 1.0,
-            error: 0.0,
-            two_sided: (self.state & 1) != 0,
-            distant: false,
+            two_sided: (self.state & state::TWO_SIDED) != 0,
+            analytic: (self.state & state::ANALYTIC) != 0,
+            ..LightPoint::NONE
         }
     }
 
     /// The kind of the first [`crate::fault`] in making it.
     #[inline(always)]
     pub fn fault(&self) -> u32 {
-        self.state >> 1
+        self.state >> state::FAULT_SHIFT
     }
 
     fn with_fault(self, fault: u32) -> Self {
-        Self { state: self.state | (fault << 1), ..self }
+        Self { state: self.state | (fault << state::FAULT_SHIFT), ..self }
     }
 }
 
 /// A light by power or uniformly, and a point on it.
 #[inline(always)]
-fn draw<const TEXTURES: bool>(frame: &Frame, scene: &Scene, lights: &[u32], uv: u32, bits: [u32; 4]) -> LightRecord {
+fn draw<const TEXTURES: bool, const SHAPES: bool>(
+    frame: &Frame,
+    scene: &Scene,
+    lights: &[u32],
+    uv: u32,
+    bits: [u32; 4],
+) -> LightRecord {
     let picked = light::pick(frame, scene, lights, bits);
     let place = light::place_of(frame, scene, picked.address);
-    let point = light::evaluate_triangle::<TEXTURES>(frame, scene, place, uv);
+    let point = light::evaluate_at::<TEXTURES, SHAPES>(frame, scene, place, uv);
     let light = light::light_at(frame, scene, picked.address);
     LightRecord::new(light, uv, picked.address, picked.pmf, 1.0, &point)
 }
 
 /// Record `at.x` of tile `at.y`. The records of a tile are stratified: each has its part of the table over emitters (or
-/// over triangles, if there is but one emitter), so that one of them that is chosen uniformly has the law of the table.
+/// over its triangles, if there is but one emitter), so that one of them that is chosen uniformly has the law of the table.
 /// `frame.presampled_columns` must be a power of two for the parts to be equal.
 #[inline(always)]
-pub fn tile_record<const TEXTURES: bool>(at: UVec2, frame: &Frame, scene: &Scene, lights: &[u32]) -> LightRecord {
+pub fn tile_record<const TEXTURES: bool, const SHAPES: bool>(
+    at: UVec2,
+    frame: &Frame,
+    scene: &Scene,
+    lights: &[u32],
+) -> LightRecord {
     if frame.light_count == 0 {
         return LightRecord::EMPTY;
     }
@@ -149,7 +180,7 @@ pub fn tile_record<const TEXTURES: bool>(at: UVec2, frame: &Frame, scene: &Scene
     } else {
         [first, second, start + multiply_high(third, part), fourth]
     };
-    draw::<TEXTURES>(frame, scene, lights, rng.next_word(), bits)
+    draw::<TEXTURES, SHAPES>(frame, scene, lights, rng.next_word(), bits)
 }
 
 /// The tile of a block of 8x8 pixels.
@@ -215,22 +246,39 @@ fn sphere_of(frame: &Frame, row: u32) -> (Vec3, f32) {
     (frame.camera_origin + from_camera, edge * 0.8661 + max_abs(frame.camera_origin) * 1e-6)
 }
 
-/// What a point of a light may matter to a surface within a sphere: power / distance², with the largest cosine at the light
-/// that any point of the sphere has. Positive wherever any of them is reached.
+/// The largest cosine with a direction of length 1 that directions to points of a sphere have: `along` is the cosine of
+/// that to its center, `across` the sine of the angle that its radius takes up.
 #[inline(always)]
-fn importance(point: &LightPoint, center: Vec3, radius: f32) -> f32 {
+fn largest_cosine(along: f32, across: f32) -> f32 {
+    let reach = safe_sqrt(1.0 - across * across);
+    if along >= reach { 1.0 } else { along * reach + safe_sqrt(1.0 - along * along) * across }
+}
+
+/// What a point of a light may matter to a surface within a sphere: power / distance², with the largest cosine at the light
+/// (or the largest falloff) that any point of the sphere has. Positive wherever any of them is reached.
+#[inline(always)]
+fn importance<const SHAPES: bool>(point: &LightPoint, center: Vec3, radius: f32) -> f32 {
     let away = center - point.position;
     let distance2 = max(away.length_squared(), radius * radius);
     let above = point.normal.dot(away) + radius;
     // A little more, for rounding.
-    let cosine = if point.two_sided { 1.0 } else { clamp(above * (1.0 / sqrt(distance2)) + 1e-6, 0.0, 1.0) };
+    let inverse = 1.0 / sqrt(distance2);
+    let mut cosine = if point.two_sided { 1.0 } else { clamp(above * inverse + 1e-6, 0.0, 1.0) };
+    if SHAPES && point.punctual {
+        cosine = point.falloff(largest_cosine(point.normal.dot(away) * inverse, radius * inverse) + 1e-5);
+    }
     mean(point.radiance) * point.jacobian * (cosine / distance2)
 }
 
 /// Record `at.x` of cell `at.y`: one of `frame.cell_candidates` lights, drawn by power, in proportion to what they may
 /// matter in the cell.
 #[inline(always)]
-pub fn cell_record<const TEXTURES: bool>(at: UVec2, frame: &Frame, scene: &Scene, lights: &[u32]) -> LightRecord {
+pub fn cell_record<const TEXTURES: bool, const SHAPES: bool>(
+    at: UVec2,
+    frame: &Frame,
+    scene: &Scene,
+    lights: &[u32],
+) -> LightRecord {
     let (center, radius) = sphere_of(frame, at.y);
     if !(radius > 0.0) || frame.light_count == 0 {
         return LightRecord::EMPTY;
@@ -244,8 +292,8 @@ pub fn cell_record<const TEXTURES: bool>(at: UVec2, frame: &Frame, scene: &Scene
         let uv = rng.next_word();
         let picked = light::pick(frame, scene, lights, rng.next_four());
         let place = light::place_of(frame, scene, picked.address);
-        let point = light::evaluate_triangle::<TEXTURES>(frame, scene, place, uv);
-        let target = importance(&point, center, radius);
+        let point = light::evaluate_at::<TEXTURES, SHAPES>(frame, scene, place, uv);
+        let target = importance::<SHAPES>(&point, center, radius);
         let light = light::light_at(frame, scene, picked.address);
         let density = picked.pmf * frame.cell_candidates as f32;
         stream.offer((light, uv, picked.pmf), target, target * candidate_scale(density));
@@ -258,7 +306,7 @@ pub fn cell_record<const TEXTURES: bool>(at: UVec2, frame: &Frame, scene: &Scene
         return LightRecord::EMPTY.with_fault(fault);
     }
     let address = light::address_of(frame, scene, light);
-    let point = light::evaluate_triangle::<TEXTURES>(frame, scene, light::place_of(frame, scene, address), uv);
+    let point = light::evaluate_at::<TEXTURES, SHAPES>(frame, scene, light::place_of(frame, scene, address), uv);
     LightRecord::new(light, uv, address, pmf, scale, &point).with_fault(fault)
 }
 
@@ -341,13 +389,13 @@ mod tests {
             let within = Vec3::new(dx, dy, dz).normalize() * radius;
             if light::arriving::<false>(within, &point).solid_angle > 0.0 {
                 reached += 1;
-                assert!(importance(&point, Vec3::ZERO, radius) > 0.0, "{i}");
+                assert!(importance::<false>(&point, Vec3::ZERO, radius) > 0.0, "{i}");
             }
         }
         assert!(reached > 50_000);
         let below =
             LightPoint { position: Vec3::Y, normal: Vec3::Y, radiance: Vec3::ONE, jacobian: 1.0, ..LightPoint::NONE };
-        assert_eq!(importance(&below, Vec3::NEG_Y, 0.5), 0.0, "nothing comes back");
+        assert_eq!(importance::<false>(&below, Vec3::NEG_Y, 0.5), 0.0, "nothing comes back");
     }
 
     #[test]

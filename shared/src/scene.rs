@@ -16,7 +16,7 @@ use crate::{
 pub struct Scene<'a> {
     /// Vertices, nine floats a triangle, in object space and in the order of the acceleration structure's leaves.
     pub triangles: &'a [f32],
-    /// Instances, attributes of triangles, materials, texture headers, emitters.
+    /// Instances, attributes of triangles, directional lights, materials, texture headers, emitters.
     pub records: &'a [u32],
     /// 8-bit images, and the environment's radiance.
     pub texels: &'a [u32],
@@ -30,6 +30,8 @@ pub mod instance_record {
     pub const OBJECT_FROM_WORLD: u32 = 12;
     /// Root node of the mesh in `bvh`.
     pub const ROOT: u32 = 24;
+    /// In its place, of a sphere: radius in world space.
+    pub const RADIUS: u32 = ROOT;
     /// First triangle of the mesh in `triangles`.
     pub const FIRST_TRIANGLE: u32 = 25;
     /// Where the attributes of the mesh start in `records`.
@@ -40,7 +42,7 @@ pub mod instance_record {
     pub const LIGHT_LIST_AT: u32 = 28;
     /// Where the alias table of the mesh starts in `lights`.
     pub const LIGHT_TABLE_AT: u32 = 29;
-    /// Emissive triangles of the mesh.
+    /// Emissive triangles of the mesh; 1 for a shape that emits.
     pub const LIGHT_COUNT: u32 = 30;
     /// Number of the instance's first light among all lights.
     pub const FIRST_LIGHT: u32 = 31;
@@ -65,6 +67,36 @@ pub mod attribute_flags {
     pub const UVS: u32 = 2;
     /// The instance's transform has a negative determinant.
     pub const MIRRORED: u32 = 4;
+    /// From this bit on: a number of [`super::shape`].
+    pub const SHAPE_SHIFT: u32 = 3;
+}
+
+/// What an instance is: triangles, or a light of a shape in closed form, which no ray finds.
+///
+/// A shape has one light. Its attributes are its material and, of a punctual one, [`shape::FALLOFF_SCALE`] and what follows.
+pub mod shape {
+    /// Triangles.
+    pub const TRIANGLES: u32 = 0;
+    /// A point at the origin of object space, which shines along -z as far as its falloff says.
+    pub const PUNCTUAL: u32 = 1;
+    /// A sphere about the origin of object space, which shines outward.
+    pub const SPHERE: u32 = 2;
+    /// The square from (-1, -1) to (1, 1) in the plane z = 0 of object space, which shines along +z.
+    pub const RECTANGLE: u32 = 3;
+    /// Word of its attributes: factor on the cosine with its axis.
+    pub const FALLOFF_SCALE: u32 = 1;
+    /// Word of its attributes: what is added to that.
+    pub const FALLOFF_OFFSET: u32 = 2;
+}
+
+/// Words of a directional light in `records`.
+pub mod distant_record {
+    /// Direction toward it, of length 1.
+    pub const DIRECTION: u32 = 0;
+    /// RGB irradiance on a surface that faces it, in W m^-2.
+    pub const IRRADIANCE: u32 = 3;
+    /// Words in all.
+    pub const WORDS: u32 = 6;
 }
 
 /// A packed normal that stands for the geometric one: no direction packs to it.
@@ -80,7 +112,7 @@ pub mod material_record {
     pub const SPECULAR: u32 = 4;
     /// Metallic share.
     pub const METALLIC: u32 = 7;
-    /// RGB radiance.
+    /// RGB radiance; of a punctual shape, radiant intensity.
     pub const EMISSION: u32 = 8;
     /// 1: both faces emit.
     pub const TWO_SIDED: u32 = 11;
@@ -326,6 +358,18 @@ impl Scene<'_> {
     #[inline(always)]
     pub fn emitter_word(&self, frame: &Frame, emitter: u32, field: u32) -> u32 {
         self.word(frame.emitters_at + emitter * emitter_record::WORDS + field)
+    }
+
+    /// Which [`shape`] an instance is.
+    #[inline(always)]
+    pub fn shape_of(&self, frame: &Frame, instance: u32) -> u32 {
+        self.instance_word(frame, instance, instance_record::FLAGS) >> attribute_flags::SHAPE_SHIFT
+    }
+
+    /// Three floats of `records` at an absolute place.
+    #[inline(always)]
+    pub fn record_vector(&self, at: u32) -> Vec3 {
+        self.vector(at)
     }
 
     /// A word of `records` at an absolute place.

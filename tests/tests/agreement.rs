@@ -114,6 +114,10 @@ fn cases() -> Vec<Case> {
     vec![
         plain_case(),
         Case::new(&scenes::cornell(), Technique::RealTime, &["rays=quality", "shade.sum=off"]),
+        Case::new(&scenes::studio(), Technique::RealTime, &["rays=quality"]),
+        Case::new(&scenes::studio(), Technique::Still, &["candidates.source=tiles"]),
+        Case::new(&scenes::studio(), Technique::RealTime, &["candidates.source=cells", "candidates.count=2"]),
+        Case::new(&scenes::studio(), Technique::Candidates, &["candidates.source=tree", "candidates.count=2"]),
         of_variety(Technique::Candidates, &["candidates.source=uniform", "candidates.count=2", "candidates.bsdf=0"]),
         of_variety(
             Technique::Still,

@@ -138,7 +138,7 @@ fn frame_fields() -> Fields {
         candidates_tree,
         light_guide_at,
         light_guide_shift,
-        padding,
+        distant_at,
         light_tree_at,
         presampled_columns,
         presampled_rows,

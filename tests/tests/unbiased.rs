@@ -1,10 +1,11 @@
 //! The passes against the reference integrator: equal means, within what noise allows; and planted errors are seen.
 
+use glam::Vec3;
 use weir::{
     executor::cpu::Order,
     packed::{Moment, PackOptions, PackedScene},
     render::{Backend, Rendered, Request, Stop, render, render_reference},
-    scene::{Scene, builtin},
+    scene::{Scene, Shape, builtin},
     settings::Settings,
     technique::{Technique, ToneCurve},
 };
@@ -84,6 +85,11 @@ fn reference(scene: &Scene, samples: u32) -> Rendered {
     render_reference(&packed, &request(scene, samples, 7, &[]), |_| true).expect("renders")
 }
 
+/// A light of every kind.
+fn studio() -> Scene {
+    (builtin::find("studio").expect("built in").build)()
+}
+
 /// The box without its light in view: the edges of a bright light are noisier than everything it lights.
 fn cornell() -> Scene {
     let mut scene = (builtin::find("cornell").expect("built in").build)();
@@ -95,14 +101,17 @@ fn cornell() -> Scene {
 
 #[test]
 fn resampled_candidates_have_the_mean_of_the_reference() {
-    for (name, scene, samples) in [("cornell", cornell(), 512), ("variety", variety(), 1024)] {
+    for (name, scene, samples) in
+        [("cornell", cornell(), 512), ("variety", variety(), 1024), ("studio", studio(), 1024)]
+    {
         let judge = reference(&scene, samples);
         assert_eq!(judge.faults.samples, 0);
         for knobs in [
             &["candidates.count=1"] as &[&str],
             &["candidates.count=1", "candidates.source=uniform"],
             &["candidates.count=4", "candidates.source=uniform"],
-            // Alone: on `variety` one candidate for the sky, and one for six lamps.
+            // Alone: on `variety` one candidate for the sky, and one for six lamps; on `studio` one for the moon, and one for
+            // six other lights.
             &["candidates.count=1", "candidates.source=tiles", "candidates.bsdf=0"],
             &["candidates.count=1", "candidates.source=cells", "candidates.bsdf=0"],
             &["candidates.count=1", "candidates.source=tree", "candidates.bsdf=0"],
@@ -157,6 +166,34 @@ fn a_light_that_is_one_percent_brighter_is_caught() {
     let verdict = compare(&passes(&brighter, 512, 1, &[]), &judge);
     println!("{verdict:?}");
     assert!(verdict.is_err(), "1 % more light went unnoticed");
+}
+
+/// Each kind of light in turn: without it the picture is another one.
+#[test]
+fn every_kind_of_light_of_the_studio_is_missed() {
+    let judge = reference(&studio(), 256);
+    let is_missed = |what: &str, scene: &Scene| {
+        let verdict = compare(&passes(scene, 256, 1, &[]), &judge);
+        assert!(verdict.is_err(), "{what} went unnoticed");
+    };
+    for mesh in studio().meshes.iter().filter(|mesh| mesh.shape != Shape::Triangles) {
+        let mut dark = studio();
+        dark.materials[mesh.materials[0] as usize].emission = Vec3::ZERO;
+        is_missed(&mesh.name, &dark);
+    }
+    let mut dark = studio();
+    dark.distant.clear();
+    is_missed("the directional light", &dark);
+}
+
+#[test]
+fn reuse_in_space_keeps_lights_of_every_kind() {
+    let judge = reference(&studio(), 1024);
+    for knobs in [&[] as &[&str], &["candidates.source=cells"], &["reuse.mis=balance"]] {
+        if let Err(difference) = compare(&passes_of(Technique::Still, &studio(), 512, 1, knobs), &judge) {
+            panic!("{knobs:?}: {difference}");
+        }
+    }
 }
 
 /// And so is a whole technique that is dropped: the environment of a scene that has both kinds of light.

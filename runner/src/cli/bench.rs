@@ -172,7 +172,7 @@ fn target_of(name: &str, arguments: &BenchArguments) -> anyhow::Result<Target> {
         SceneArguments { camera, lambert: arguments.lambert, flat: arguments.flat, ..SceneArguments::of(scene) };
     let (read, _) = open::read(&of_scene)?;
     let camera = open::camera_of(&of_scene, &read)?;
-    if read.emissive_triangle_count() == 0 && read.environment.is_none() {
+    if read.emissive_triangle_count() == 0 && read.shape_count() == 0 && read.environment.is_none() {
         let (problem, help) = ("nothing emits light, so there is nothing to measure", "name a scene with lights");
         return Err(SceneError::bad_data(Place::new(&read.name, 0), problem, help).into());
     }

@@ -33,10 +33,12 @@ pub fn choice_of(arguments: &SceneArguments) -> Choice {
             texture_budget_bytes: arguments.texture_budget,
             asset_root: arguments.asset_root.clone(),
             max_file_bytes: arguments.max_size,
+            ..LoadOptions::default()
         },
         environment: arguments.environment.clone(),
         environment_rotation_deg: arguments.environment_rotation,
         environment_scale: arguments.environment_scale,
+        lights: arguments.lights.clone(),
     }
 }
 
@@ -51,11 +53,12 @@ pub fn read(arguments: &SceneArguments) -> anyhow::Result<(Scene, Settings)> {
     let Loaded { scene, warnings } = choice_of(arguments).read()?;
     warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
     tracing::info!(
-        "{}: {} triangles in {} instances, {} emissive; read in {:.2} s",
+        "{}: {} triangles in {} instances, {} emissive, {} other lights; read in {:.2} s",
         scene.name,
         scene.triangle_count(),
         scene.instances.len(),
         scene.emissive_triangle_count(),
+        scene.shape_count(),
         start.elapsed().as_secs_f64()
     );
     Ok((scene, settings))
@@ -92,7 +95,7 @@ pub fn open(arguments: &SceneArguments) -> anyhow::Result<Opened> {
         PackOptions::of(&settings),
     )?;
     if packed.has().is_empty() {
-        tracing::warn!("{}: nothing emits light; only `Ke` and an environment map do", scene.name);
+        tracing::warn!("{}: nothing emits light; only `Ke`, a file of lights and an environment map do", scene.name);
     }
     tracing::info!(
         "packed in {:.2} s: {:.1} MiB",

@@ -300,6 +300,7 @@ fn write_exr(
         "scene": arguments.scene.scene,
         "integrator": word(arguments.integrator),
         "camera": arguments.scene.camera,
+        "lights": arguments.scene.lights,
         "environment": arguments.scene.environment,
         "environment_rotation": arguments.scene.environment_rotation,
         "environment_scale": arguments.scene.environment_scale,

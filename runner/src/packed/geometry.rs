@@ -12,6 +12,7 @@ use weir_shared::{
 use super::{
     light_cuts,
     light_tree::{self, LightBounds},
+    shape::ShapeLight,
     tree,
 };
 use crate::scene::{Material, Mesh};
@@ -36,6 +37,8 @@ pub(super) struct PackedMesh {
     pub(super) light_bounds: LightBounds,
     /// Lower and upper corner, object space.
     pub(super) bounds: [Vec3; 2],
+    /// What it is, if it has no triangles but is a shape.
+    pub(super) shape: Option<ShapeLight>,
 }
 
 /// How long it takes to build what lights are chosen by.
@@ -49,6 +52,9 @@ pub(super) struct LightTimes {
 impl PackedMesh {
     /// Packs a mesh, with a light tree if `has_light_tree`, with a tree for cuts if `has_light_cuts`.
     pub(super) fn new(mesh: &Mesh, materials: &[Material], has_light_tree: bool, has_light_cuts: bool) -> Self {
+        if let Some(shape) = ShapeLight::new(mesh, materials) {
+            return Self::of_shape(mesh.materials[0], shape);
+        }
         let corners = |t: u32| mesh.triangles[t as usize].map(|v| mesh.positions[v as usize]);
         let boxes: Vec<Aabb> = (0..mesh.triangles.len() as u32)
             .map(|t| {
@@ -122,6 +128,27 @@ impl PackedMesh {
             light_times,
             light_bounds,
             bounds,
+            shape: None,
+        }
+    }
+
+    /// A shape: one light if it emits, with its material and falloff for attributes.
+    fn of_shape(material: u32, shape: ShapeLight) -> Self {
+        let lights = if shape.emits() { vec![0] } else { Vec::new() };
+        let [scale, offset] = shape.falloff().map(f32::to_bits);
+        Self {
+            nodes: Vec::new(),
+            triangles: Vec::new(),
+            attributes: vec![material, scale, offset],
+            flags: shape.kind() << attribute_flags::SHAPE_SHIFT,
+            light_table: if lights.is_empty() { Vec::new() } else { alias::build(&[1.0]).unwrap_or_default() },
+            lights,
+            light_tree: None,
+            light_cuts: None,
+            light_times: LightTimes::default(),
+            light_bounds: LightBounds::NONE,
+            bounds: [Vec3::splat(f32::INFINITY), Vec3::splat(f32::NEG_INFINITY)],
+            shape: Some(shape),
         }
     }
 }

@@ -48,6 +48,12 @@ impl LightBounds {
         self.corners
     }
 
+    /// A light within a box whose normals all are `axis` (of length 1), or any direction if there is none.
+    pub(super) fn around(corners: [Vec3; 2], axis: Option<Vec3>, power: f64) -> Self {
+        let spread = if axis.is_some() { 0.0 } else { PI };
+        Self { corners, axis: axis.unwrap_or(Vec3::Z), spread, power }
+    }
+
     /// The same lights placed by a transform, with another power.
     pub(super) fn placed(&self, world_from_object: &Mat4, object_from_world: &Mat4, power: f64) -> Self {
         let [low, high] = self.corners;

@@ -16,6 +16,7 @@ use super::{
     geometry::PackedMesh,
     light_cuts,
     light_tree::{self, LightBounds},
+    shape::{self, ShapeLight},
     top_level::TopLevel,
 };
 use crate::scene::Scene;
@@ -45,6 +46,7 @@ pub(super) struct MeshStart {
     pub(super) light_tree_at: u32,
     pub(super) light_cuts_at: u32,
     pub(super) light_bounds: LightBounds,
+    pub(super) shape: Option<ShapeLight>,
 }
 
 /// Most that a block can hold.
@@ -58,7 +60,8 @@ pub(super) struct Capacity {
 
 impl Capacity {
     pub(super) fn of(scene: &Scene, meshes: &[PackedMesh], has_cuts: bool) -> Result<Self, PackError> {
-        let drawn = || scene.instances.iter().map(|i| &meshes[i.mesh as usize]).filter(|m| !m.triangles.is_empty());
+        let has_any = |m: &&PackedMesh| !m.triangles.is_empty() || m.shape.is_some();
+        let drawn = || scene.instances.iter().map(|i| &meshes[i.mesh as usize]).filter(has_any);
         let lights: u64 = drawn().map(|m| m.lights.len() as u64).sum();
         if lights > u64::from(weir_shared::light::ENVIRONMENT_BIT - 1) {
             return Err(PackError::TooManyLights(lights));
@@ -120,14 +123,19 @@ impl Dynamics {
         Self { top, starts, capacity, half: 1, shown: None, drawn: Vec::new(), is_dynamic, has_lights }
     }
 
-    /// The instances of a moment, those without triangles left out.
+    /// Whether any instance is a shape.
+    pub(super) fn has_shapes(&self) -> bool {
+        self.top.has_shapes()
+    }
+
+    /// The instances of a moment, those with nothing to see left out.
     fn drawn_at(&self, moment: &Moment) -> Result<Vec<u32>, PackError> {
         let Some(asked) = &moment.drawn else {
-            return Ok((0..self.top.len() as u32).filter(|&i| self.top.has_triangles(i)).collect());
+            return Ok((0..self.top.len() as u32).filter(|&i| self.top.has_any(i)).collect());
         };
         let mut seen = vec![false; self.top.len()];
         for &i in asked {
-            if !self.top.has_triangles(i) || std::mem::replace(&mut seen[i as usize], true) {
+            if !self.top.has_any(i) || std::mem::replace(&mut seen[i as usize], true) {
                 return Err(PackError::NoInstance(i));
             }
         }
@@ -209,10 +217,20 @@ impl PackedScene {
             record[instance_record::LIGHT_CUTS_AT as usize] = start.light_cuts_at;
             if start.light_count > 0 {
                 emitters.extend([first_light, slot as u32]);
-                let area_scale = f64::from(determinant.abs()).powf(2.0 / 3.0);
-                let weight = start.light_bounds.power * area_scale * f64::from(emission.element_sum() / 3.0);
-                weights.push(weight);
-                bounds.push(start.light_bounds.placed(world_from_object, object_from_world, weight));
+                let gain = f64::from(emission.element_sum() / 3.0);
+                let placed = match &start.shape {
+                    Some(shape) => {
+                        record[instance_record::RADIUS as usize] = shape::radius(world_from_object).to_bits();
+                        shape.bounds(world_from_object, gain)
+                    }
+                    None => {
+                        let area_scale = f64::from(determinant.abs()).powf(2.0 / 3.0);
+                        let weight = start.light_bounds.power * area_scale * gain;
+                        start.light_bounds.placed(world_from_object, object_from_world, weight)
+                    }
+                };
+                weights.push(placed.power);
+                bounds.push(placed);
                 first_light += start.light_count;
             }
         }

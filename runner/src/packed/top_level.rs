@@ -12,6 +12,8 @@ use crate::scene::{Instance, Motion};
 pub(super) struct TopLevel {
     instances: Vec<Instance>,
     bounds: Vec<[Vec3; 2]>,
+    /// Whether each mesh is a shape.
+    are_shapes: Vec<bool>,
     /// Row of `bvh` where the nodes of the first block start.
     pub(super) first_row: usize,
 }
@@ -27,11 +29,16 @@ pub(super) struct Placed {
 }
 
 impl TopLevel {
-    pub(super) fn new(instances: Vec<Instance>, bounds: Vec<[Vec3; 2]>, first_row: usize) -> Self {
-        Self { instances, bounds, first_row }
+    pub(super) fn new(
+        instances: Vec<Instance>,
+        bounds: Vec<[Vec3; 2]>,
+        are_shapes: Vec<bool>,
+        first_row: usize,
+    ) -> Self {
+        Self { instances, bounds, are_shapes, first_row }
     }
 
-    /// Number of instances, with and without triangles.
+    /// Number of instances, also of those with nothing to see.
     pub(super) fn len(&self) -> usize {
         self.instances.len()
     }
@@ -41,26 +48,32 @@ impl TopLevel {
         self.instances[instance as usize].mesh
     }
 
-    /// Whether there is such an instance, and anything of it to see.
-    pub(super) fn has_triangles(&self, instance: u32) -> bool {
+    /// Whether there is such an instance, and triangles or a shape of it.
+    pub(super) fn has_any(&self, instance: u32) -> bool {
         let mesh = self.instances.get(instance as usize).map(|i| i.mesh as usize);
         // The bounds of nothing are inside out.
-        mesh.is_some_and(|mesh| self.bounds[mesh][0].x <= self.bounds[mesh][1].x)
+        mesh.is_some_and(|mesh| self.are_shapes[mesh] || self.bounds[mesh][0].x <= self.bounds[mesh][1].x)
     }
 
-    fn visible(&self) -> impl Iterator<Item = &Instance> {
-        (0..self.len() as u32).filter(|&i| self.has_triangles(i)).map(|i| &self.instances[i as usize])
+    /// Whether any instance is a shape.
+    pub(super) fn has_shapes(&self) -> bool {
+        self.instances.iter().any(|i| self.are_shapes[i.mesh as usize])
+    }
+
+    fn present(&self) -> impl Iterator<Item = &Instance> {
+        (0..self.len() as u32).filter(|&i| self.has_any(i)).map(|i| &self.instances[i as usize])
     }
 
     /// Whether any instance moves.
     pub(super) fn moves(&self) -> bool {
-        self.visible().any(|i| i.motion != Motion::Still)
+        self.present().any(|i| i.motion != Motion::Still)
     }
 
-    /// Whether the only instance is in place, so that its mesh is the world.
+    /// Whether the only instance is a mesh in place, so that it is the world.
     pub(super) fn is_trivial(&self) -> bool {
-        let mut visible = self.visible();
-        match (visible.next(), visible.next()) {
+        let mut present = self.present();
+        match (present.next(), present.next()) {
+            (Some(only), None) if self.are_shapes[only.mesh as usize] => false,
             (Some(only), None) => only.motion == Motion::Still && only.world_from_object == Mat4::IDENTITY,
             (first, _) => first.is_none(),
         }
@@ -76,9 +89,9 @@ impl TopLevel {
         let time_s = moment.time_s;
         let placed_at: HashMap<u32, Mat4> = moment.placed.iter().copied().collect();
         let mut transforms = Vec::with_capacity(drawn.len());
-        let mut boxes = Vec::with_capacity(drawn.len());
+        let (mut boxes, mut slots) = (Vec::with_capacity(drawn.len()), Vec::with_capacity(drawn.len()));
         let mut bounds = [Vec3::splat(f32::INFINITY), Vec3::splat(f32::NEG_INFINITY)];
-        for &i in drawn {
+        for (slot, &i) in (0..).zip(drawn) {
             let instance = &self.instances[i as usize];
             let [lower, upper] = self.bounds[instance.mesh as usize];
             let own = || instance.world_from_object_at(time_s);
@@ -88,6 +101,11 @@ impl TopLevel {
                 return Err(PackError::Singular { instance: i as usize, time_s });
             }
             transforms.push((world_from_object, object_from_world));
+            // No ray finds a shape.
+            if self.are_shapes[instance.mesh as usize] {
+                continue;
+            }
+            slots.push(slot);
             let corners = (0..8).map(|corner| {
                 let pick = |bit: usize, axis: usize| if corner >> bit & 1 == 0 { lower[axis] } else { upper[axis] };
                 world_from_object.transform_point3(Vec3::new(pick(0, 0), pick(1, 1), pick(2, 2)))
@@ -110,6 +128,7 @@ impl TopLevel {
         }
         let tree = tree::build(&boxes, false);
         let nodes = tree.nodes.iter().flat_map(tree::rows).collect();
-        Ok(Placed { transforms, order: tree.primitive_indices, nodes, bounds })
+        let order = tree.primitive_indices.iter().map(|&leaf| slots[leaf as usize]).collect();
+        Ok(Placed { transforms, order, nodes, bounds })
     }
 }

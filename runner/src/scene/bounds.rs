@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-use super::{Material, Scene};
+use super::{Material, Mesh, Scene, Shape};
 
 /// A box along the axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,7 +53,7 @@ impl Material {
 }
 
 impl Scene {
-    /// A box that holds every instance at time 0; `None` for an empty scene.
+    /// A box that holds the triangles of every instance at time 0; `None` for a scene without any.
     ///
     /// Turned instances make it larger than need be: it goes by the boxes of their meshes.
     pub fn bounds(&self) -> Option<Bounds> {
@@ -77,9 +77,18 @@ impl Scene {
         self.count_triangles(|material| emissive.get(material as usize) == Some(&true))
     }
 
+    /// Lights that are no triangles: instances of shapes, and directional lights.
+    pub fn shape_count(&self) -> u64 {
+        let is_shape = |mesh: u32| self.meshes.get(mesh as usize).is_some_and(|mesh| mesh.shape != Shape::Triangles);
+        (self.instances.iter().filter(|instance| is_shape(instance.mesh)).count() + self.distant.len()) as u64
+    }
+
     fn count_triangles(&self, counts: impl Fn(u32) -> bool) -> u64 {
-        let count = |materials: &Vec<u32>| materials.iter().filter(|&&material| counts(material)).count() as u64;
-        let in_mesh: Vec<_> = self.meshes.iter().map(|mesh| count(&mesh.materials)).collect();
+        let count = |mesh: &Mesh| {
+            let has_triangles = mesh.shape == Shape::Triangles;
+            mesh.materials.iter().filter(|&&material| has_triangles && counts(material)).count() as u64
+        };
+        let in_mesh: Vec<_> = self.meshes.iter().map(count).collect();
         self.instances.iter().map(|instance| in_mesh.get(instance.mesh as usize).copied().unwrap_or(0)).sum()
     }
 }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use super::{
     builtin, environment,
     error::SceneError,
+    lights,
     load::{LoadOptions, Loaded, load},
 };
 
@@ -21,6 +22,8 @@ pub struct Choice {
     pub environment_rotation_deg: f32,
     /// Factor on its radiance.
     pub environment_scale: f32,
+    /// A file of lights, in place of that beside the scene's file; see [`lights`].
+    pub lights: Option<PathBuf>,
 }
 
 impl Choice {
@@ -32,6 +35,7 @@ impl Choice {
             environment: None,
             environment_rotation_deg: 0.0,
             environment_scale: 1.0,
+            lights: None,
         }
     }
 
@@ -52,7 +56,7 @@ impl Choice {
                 let help = format!("name an .obj file, or one of the built-in scenes: {}", names.join(", "));
                 return Err(SceneError::no_input(&self.scene, "there is no such file or built-in scene", help));
             }
-            Some(path) => load(path, &self.options)?,
+            Some(path) => load(path, &LoadOptions { lights_beside: self.lights.is_none(), ..self.options.clone() })?,
             None => {
                 let built_in = builtin::find(&self.scene).expect("what is no file is built in");
                 let mut scene = (built_in.build)();
@@ -69,6 +73,9 @@ impl Choice {
             let (map, warnings) = environment::load(path, self.environment_rotation_deg, self.environment_scale)?;
             loaded.warnings.extend(warnings);
             loaded.scene.environment = Some(map);
+        }
+        if let Some(path) = &self.lights {
+            lights::add_to(&mut loaded.scene, &lights::load(path)?);
         }
         loaded.scene.validate()?;
         Ok(loaded)

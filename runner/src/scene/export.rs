@@ -1,7 +1,7 @@
 //! Writes a scene as Wavefront OBJ and MTL, with its images and a camera, for other renderers.
 //!
 //! The scene stands still at time 0 (see [`Scene::stop_at`] for another) and its instances become plain triangles in world
-//! space. Numbers are written with as many digits as reading them back bit by bit takes.
+//! space; lights that are no triangles go into a file of their own. Numbers are written with as many digits as reading them back bit by bit takes.
 
 mod files;
 mod mtl;
@@ -14,7 +14,7 @@ use glam::Vec3;
 use serde::Serialize;
 
 use crate::exit::{Exit, HasExit};
-use crate::scene::{Camera, Environment, Scene, Texture};
+use crate::scene::{Camera, Environment, Scene, Shape, Texture, lights};
 use files::PendingFiles;
 
 /// Size of picture that the camera file suggests.
@@ -87,8 +87,8 @@ impl HasExit for ExportError {
     }
 }
 
-/// Writes `NAME.obj`, `NAME.mtl`, `NAME-texture-0.png` and so on, `NAME-camera.json` and `NAME-environment.exr`
-/// into `dir`, which is made if need be; what the scene lacks has no file.
+/// Writes `NAME.obj`, `NAME.mtl`, `NAME-texture-0.png` and so on, `NAME.lights.json`, `NAME-camera.json` and
+/// `NAME-environment.exr` into `dir`, which is made if need be; what the scene lacks has no file.
 ///
 /// NAME is the scene's name with everything but letters, digits, `.`, `_` and `-` replaced by `_`. Existing files are
 /// replaced. All files are complete before the first one gets its name; after an error none of them is there.
@@ -114,6 +114,12 @@ pub fn export(scene: &Scene, dir: &Path) -> Result<ExportReport, ExportError> {
     files.write(&mtl_name, |out| mtl::write(scene, &material_names, &texture_names, out))?;
     for (texture, texture_name) in scene.textures.iter().zip(&texture_names) {
         files.write(texture_name, |out| write_png(texture, out))?;
+    }
+    if let Some(file) = lights::to_json(scene) {
+        files.write(&format!("{name}.lights.json"), |out| {
+            serde_json::to_writer_pretty(&mut *out, &file)?;
+            writeln!(out)
+        })?;
     }
     let environment = scene.environment.as_ref().map(|map| (map, format!("{name}-environment.exr")));
     if let Some((map, file)) = &environment {
@@ -144,7 +150,8 @@ fn check(scene: &Scene) -> Result<(), String> {
         if let Some((what, n)) = optional.into_iter().find(|&(_, n)| n != 0 && n != count) {
             return Err(format!("mesh `{name}` has {n} {what} for {count} positions"));
         }
-        if mesh.materials.len() != mesh.triangles.len() {
+        let has_triangles = mesh.shape == Shape::Triangles;
+        if has_triangles && mesh.materials.len() != mesh.triangles.len() {
             return Err(format!(
                 "mesh `{name}` has {} materials for {} triangles",
                 mesh.materials.len(),

@@ -12,7 +12,7 @@ use super::obj::{self, ObjFile};
 use super::source::{Directory, Opened, Source, SourceError, locate};
 use super::statements::MAX_LIBRARIES;
 use super::texture::{Kind, Textures};
-use super::{Instance, Material, Motion, Scene};
+use super::{Instance, Material, Motion, Scene, lights};
 
 /// How to read a scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,18 +27,28 @@ pub struct LoadOptions {
     pub asset_root: Option<PathBuf>,
     /// Largest file accepted, in bytes.
     pub max_file_bytes: u64,
+    /// Add the lights of `NAME.lights.json` where it lies beside `NAME.obj`.
+    pub lights_beside: bool,
 }
 
 impl Default for LoadOptions {
     fn default() -> Self {
-        Self { lambert: false, flat: false, texture_budget_bytes: 128 << 20, asset_root: None, max_file_bytes: 4 << 30 }
+        Self {
+            lambert: false,
+            flat: false,
+            texture_budget_bytes: 128 << 20,
+            asset_root: None,
+            max_file_bytes: 4 << 30,
+            lights_beside: true,
+        }
     }
 }
 
 /// A scene, and what had to be changed to make it one.
 #[derive(Clone, Debug)]
 pub struct Loaded {
-    /// The scene: one mesh, one instance, no environment and no camera. It passes [`Scene::validate`].
+    /// The scene: one mesh, one instance, no environment and no camera, and the lights of a file beside it. It passes
+    /// [`Scene::validate`].
     pub scene: Scene,
     /// What was corrected, replaced or left out.
     pub warnings: Vec<Warning>,
@@ -46,11 +56,12 @@ pub struct Loaded {
 
 /// Reads the OBJ file at `path` with its materials and textures.
 ///
-/// Opens regular files in the folder of `path`, below it, and below [`LoadOptions::asset_root`], and no others.
+/// Opens regular files in the folder of `path`, below it, and below [`LoadOptions::asset_root`], and no others. Lights
+/// other than emissive triangles come from a file beside it, see [`super::lights`].
 ///
 /// # Errors
 /// When the OBJ file cannot be read, is malformed, or holds no triangles to draw. Materials and textures that are
-/// missing or malformed are warnings.
+/// missing or malformed are warnings; a file of lights that is malformed is an error.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, SceneError> {
     let (directory, name) = Directory::of_scene(path, options.asset_root.as_deref())?;
     load_from(&directory, &name, options)
@@ -117,15 +128,21 @@ pub fn load_from(source: &dyn Source, name: &str, options: &LoadOptions) -> Resu
         Material { base_color_texture, emission_texture, alpha_texture, ..parts.material }
     };
     let materials = unbound.into_iter().map(bind).collect();
-    let scene = Scene {
+    let mut scene = Scene {
         name: Path::new(name).file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default(),
         meshes: vec![obj.mesh],
         instances: vec![Instance { mesh: 0, world_from_object: Mat4::IDENTITY, motion: Motion::Still }],
         materials,
         textures,
         environment: None,
+        distant: Vec::new(),
         camera: None,
     };
+    let beside = Path::new(name).with_extension("lights.json");
+    let beside = beside.to_str().filter(|_| options.lights_beside);
+    if let Some(opened) = beside.and_then(|name| source.open(name).ok()) {
+        lights::add_to(&mut scene, &lights::read(opened)?);
+    }
     scene.validate()?;
     Ok(Loaded { scene, warnings: warnings.into_vec() })
 }

@@ -13,6 +13,7 @@ pub mod environment;
 pub mod error;
 pub mod export;
 mod keywords;
+pub mod lights;
 mod lines;
 pub mod load;
 mod map_options;
@@ -43,11 +44,13 @@ pub struct Scene {
     pub textures: Vec<Texture>,
     /// Light from infinitely far away.
     pub environment: Option<Environment>,
+    /// Directional lights: light from infinitely far away, each from one direction.
+    pub distant: Vec<DistantLight>,
     /// The camera that the scene suggests.
     pub camera: Option<Camera>,
 }
 
-/// Triangles in object space, counter-clockwise seen from the front.
+/// Triangles in object space, counter-clockwise seen from the front; or a light of another [`Shape`].
 #[derive(Clone, Debug, Default)]
 pub struct Mesh {
     /// A name for messages.
@@ -60,8 +63,45 @@ pub struct Mesh {
     pub uvs: Vec<Vec2>,
     /// Vertex indices of each triangle.
     pub triangles: Vec<[u32; 3]>,
-    /// Material of each triangle.
+    /// Material of each triangle; of a shape, its only one.
     pub materials: Vec<u32>,
+    /// What the mesh is; other than triangles, it has nothing but this, a name and a material.
+    pub shape: Shape,
+}
+
+/// What a mesh is: triangles, or a light in closed form.
+///
+/// The emission of such a light's material is its radiance in W sr^-1 m^-2, or the radiant intensity in W sr^-1 of a point
+/// or spot; its textures have no effect. Rays find none of these lights: they shine, but the camera does not see them.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Shape {
+    /// Triangles.
+    #[default]
+    Triangles,
+    /// The origin; shines in all directions alike.
+    Point,
+    /// The origin; shines along -z, with the falloff of `KHR_lights_punctual`. Angles are between the axis and the
+    /// surface of a cone, in degrees: 0 <= inner <= outer, 1 <= outer <= 90.
+    Spot {
+        /// Within this angle it shines with full intensity.
+        inner_deg: f32,
+        /// Beyond this angle it does not shine.
+        outer_deg: f32,
+    },
+    /// The unit sphere; shines outward. Under a placement that scales unevenly it is a sphere of the same volume as the
+    /// ellipsoid.
+    Sphere,
+    /// The square from (-1, -1) to (1, 1) in the plane z = 0, with its front to +z.
+    Rectangle,
+}
+
+/// Light from infinitely far away, from one direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DistantLight {
+    /// Which way the light travels, of length 1.
+    pub direction: Vec3,
+    /// Irradiance on a surface that faces it, in W m^-2, linear Rec. 709, each in 0..=1e20.
+    pub irradiance: Vec3,
 }
 
 /// One placement of a mesh in the world.
@@ -147,7 +187,8 @@ pub struct Material {
     pub roughness: f32,
     /// 0 is a dielectric, 1 a metal (`Pm`).
     pub metallic: f32,
-    /// Radiance emitted from the front face, in W sr^-1 m^-2, linear Rec. 709, each in 0..=1e20 (`Ke`).
+    /// Radiance emitted from the front face, in W sr^-1 m^-2, linear Rec. 709, each in 0..=1e20 (`Ke`); for points and
+    /// spots see [`Shape`].
     pub emission: Vec3,
     /// Multiplies `emission` (`map_Ke`).
     pub emission_texture: Option<u32>,

@@ -4,7 +4,7 @@ use glam::{Mat4, Vec3, Vec4};
 
 use super::error::SceneError;
 use super::keywords::MAX_RADIANCE;
-use super::{Environment, Instance, Material, Mesh, Motion, Scene, Texture};
+use super::{DistantLight, Environment, Instance, Material, Mesh, Motion, Scene, Shape, Texture};
 
 impl Scene {
     /// Checks that indices are in range, lengths match, numbers are finite and in range, and placements are affine
@@ -40,6 +40,9 @@ impl Scene {
         if let Some(environment) = &self.environment {
             check_environment(environment).map_err(in_thing("environment", 0, &environment.name))?;
         }
+        for (index, light) in self.distant.iter().enumerate() {
+            check_distant(light).map_err(in_thing("directional light", index, ""))?;
+        }
         match &self.camera {
             Some(camera) => camera.check(),
             None => Ok(()),
@@ -59,7 +62,16 @@ fn check_mesh(mesh: &Mesh, materials: usize) -> Result<(), String> {
         ensure(count == 0 || count == vertices, || format!("{count} {what} for {vertices} vertices"))?;
     }
     let (triangles, picks) = (mesh.triangles.len(), mesh.materials.len());
-    ensure(triangles == picks, || format!("{picks} materials for {triangles} triangles"))?;
+    if mesh.shape == Shape::Triangles {
+        ensure(triangles == picks, || format!("{picks} materials for {triangles} triangles"))?;
+    } else {
+        check_shape(mesh.shape)?;
+        ensure(triangles == 0 && vertices == 0 && picks == 1, || {
+            format!(
+                "{vertices} vertices, {triangles} triangles and {picks} materials for a shape, which has one material"
+            )
+        })?;
+    }
     let not_finite = mesh.positions.iter().position(|position| !position.is_finite());
     ensure(not_finite.is_none(), || format!("position {} is not finite", not_finite.unwrap_or(0)))?;
     let not_finite = mesh.normals.iter().position(|normal| !normal.is_finite());
@@ -74,6 +86,22 @@ fn check_mesh(mesh: &Mesh, materials: usize) -> Result<(), String> {
     ensure(outside.is_none(), || {
         format!("triangle {} refers to a material beyond the {materials} there are", outside.unwrap_or(0))
     })
+}
+
+fn check_shape(shape: Shape) -> Result<(), String> {
+    let Shape::Spot { inner_deg, outer_deg } = shape else { return Ok(()) };
+    ensure((1.0..=90.0).contains(&outer_deg), || format!("outer cone {outer_deg} is not in 1..=90 degrees"))?;
+    ensure((0.0..=outer_deg).contains(&inner_deg), || {
+        format!("inner cone {inner_deg} is not between 0 and the outer one, {outer_deg} degrees")
+    })
+}
+
+fn check_distant(light: &DistantLight) -> Result<(), String> {
+    let DistantLight { direction, irradiance } = *light;
+    let unit = (direction.length_squared() - 1.0).abs() < 1e-3;
+    ensure(unit, || format!("its direction {direction} does not have length 1"))?;
+    let within = irradiance.min_element() >= 0.0 && irradiance.max_element() <= MAX_RADIANCE as f32;
+    ensure(within && irradiance.is_finite(), || format!("irradiance {irradiance} is not in 0..=1e20"))
 }
 
 fn check_instance(instance: &Instance, meshes: usize) -> Result<(), String> {

@@ -5,7 +5,7 @@ use glam::{Mat4, Vec2, Vec3};
 use super::clip::{Clip, Take};
 use crate::{
     render::{Backend, RenderError},
-    scene::{Camera, Environment, Instance, Material, Mesh, Motion, Scene, Texture},
+    scene::{Camera, DistantLight, Environment, Instance, Material, Mesh, Motion, Scene, Shape, Texture, lights},
     settings::{KNOBS, Settings},
     technique::Technique,
 };
@@ -94,6 +94,38 @@ fn mesh(bytes: &mut Bytes<'_>, materials: u32) -> Mesh {
     mesh
 }
 
+/// A shape anywhere, or a directional light.
+fn other_light(bytes: &mut Bytes<'_>, scene: &mut Scene) {
+    let kind = bytes.below(5);
+    let emission = bytes.color(20.0).min(Vec3::splat(1e20));
+    if kind == 4 {
+        let direction = bytes.vector(1.0).normalize_or(Vec3::NEG_Y);
+        scene.distant.push(DistantLight { direction, irradiance: emission });
+        return;
+    }
+    let shape = match kind {
+        0 => Shape::Point,
+        1 => {
+            let outer_deg = 1.0 + 89.0 * bytes.unit();
+            Shape::Spot { inner_deg: outer_deg * bytes.unit(), outer_deg }
+        }
+        2 => Shape::Sphere,
+        _ => Shape::Rectangle,
+    };
+    let linear = match bytes.below(3) {
+        0 => Mat4::IDENTITY,
+        1 => Mat4::from_scale(bytes.vector(3.0)),
+        _ => Mat4::from_axis_angle(bytes.vector(1.0).normalize_or(Vec3::Y), bytes.number(1.0)),
+    };
+    let world_from_object = Mat4::from_translation(bytes.vector(1.0)) * linear;
+    let motion = match bytes.below(3) {
+        0 => Motion::Swing { offset: bytes.vector(3.0), frequency_hz: bytes.number(3.0), phase: bytes.unit() },
+        _ => Motion::Still,
+    };
+    let mesh = lights::add_shape(scene, shape, emission, bytes.below(2) == 0);
+    scene.instances.push(Instance { mesh, world_from_object, motion });
+}
+
 /// A scene that keeps all promises that its validation asks for, or none.
 fn scene(bytes: &mut Bytes<'_>) -> Option<Scene> {
     let texture = |bytes: &mut Bytes<'_>| {
@@ -127,7 +159,11 @@ fn scene(bytes: &mut Bytes<'_>) -> Option<Scene> {
     let (origin, target, up) = (bytes.vector(1.0), bytes.vector(1.0), bytes.vector(1.0));
     let camera = Some(Camera { origin, target, up, vfov_deg: 1.0 + 170.0 * bytes.unit() });
     let name = "any".into();
-    let scene = Scene { name, meshes, instances, materials, textures, environment, camera };
+    let mut scene = Scene { name, meshes, instances, materials, textures, environment, distant: Vec::new(), camera };
+    // Last, so that inputs from before there were such lights stand for what they stood for.
+    for _ in 0..bytes.below(5) {
+        other_light(bytes, &mut scene);
+    }
     scene.validate().is_ok().then_some(scene)
 }
 

@@ -3,7 +3,7 @@
 use super::scenes::quad;
 use crate::{
     packed::{Moment, PackOptions, PackedScene},
-    scene::{Camera, Environment, Instance, Material, Motion, Scene},
+    scene::{Camera, DistantLight, Environment, Instance, Material, Motion, Scene, Shape, lights},
     sequence::Shot,
 };
 use glam::{Mat4, Vec3};
@@ -129,6 +129,36 @@ fn room() -> Scene {
         }),
         ..Scene::default()
     }
+}
+
+/// A point, a spot, a sphere, a rectangle and a directional light in place of the lamps; all but the last move, and the
+/// point flickers.
+pub fn moving_shapes() -> Scenario {
+    let mut scene = room();
+    scene.instances.truncate(LAMPS[0] as usize);
+    let down = |x: f32, y: f32, z: f32| lights::along(Vec3::new(x, y, z), Vec3::new(0.1, -1.0, -0.2).normalize());
+    let spot = Shape::Spot { inner_deg: 20.0, outer_deg: 45.0 };
+    for (shape, emission, world_from_object) in [
+        (Shape::Point, Vec3::new(2.0, 1.2, 0.8), lamp_at(-1.2, 1.6, -0.4, 1.0)),
+        (spot, Vec3::new(5.0, 6.0, 8.0), down(0.8, 2.4, -0.6)),
+        (Shape::Sphere, Vec3::new(9.0, 6.0, 4.0), lamp_at(-0.4, 1.9, -1.2, 0.25)),
+        (Shape::Rectangle, Vec3::new(3.0, 5.0, 8.0), down(0.2, 2.6, 0.6) * Mat4::from_rotation_y(std::f32::consts::PI)),
+    ] {
+        let mesh = lights::add_shape(&mut scene, shape, emission, false);
+        scene.instances.push(still(mesh, world_from_object));
+    }
+    let direction = Vec3::new(-0.4, -0.8, -0.5).normalize();
+    scene.distant.push(DistantLight { direction, irradiance: Vec3::new(0.3, 0.4, 0.5) });
+    let placed: Vec<Mat4> = LAMPS.iter().map(|&i| scene.instances[i as usize].world_from_object).collect();
+    Scenario::moving("moving shapes", scene, move |i| {
+        let step = i as f32 * 0.1;
+        let moved = |number: usize| {
+            let offset = Vec3::new(step * (1.0 - number as f32 * 0.6), -0.3 * step, 0.5 * step);
+            (LAMPS[number], Mat4::from_translation(offset) * placed[number])
+        };
+        let emission = vec![(LAMPS[0], if i % 2 == 0 { Vec3::ONE } else { Vec3::new(0.4, 2.0, 1.0) })];
+        Moment { placed: (0..LAMPS.len()).map(moved).collect(), emission, ..Moment::default() }
+    })
 }
 
 /// Where nothing moves at all.

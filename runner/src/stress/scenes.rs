@@ -11,6 +11,11 @@ pub fn cornell() -> Scene {
     (builtin::find("cornell").expect("the scene is built in").build)()
 }
 
+/// A room with a light of every kind.
+pub fn studio() -> Scene {
+    (builtin::find("studio").expect("the scene is built in").build)()
+}
+
 /// Two triangles with a corner at `origin` and the given edges, counter-clockwise.
 pub fn quad(name: &str, origin: Vec3, a: Vec3, b: Vec3, material: u32) -> Mesh {
     Mesh {
@@ -20,6 +25,7 @@ pub fn quad(name: &str, origin: Vec3, a: Vec3, b: Vec3, material: u32) -> Mesh {
         uvs: vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y],
         triangles: vec![[0, 1, 2], [0, 2, 3]],
         materials: vec![material; 2],
+        ..Mesh::default()
     }
 }
 
@@ -58,6 +64,7 @@ pub fn variety() -> Scene {
             rotation_deg: 30.0,
             scale: 1.0,
         }),
+        distant: Vec::new(),
         camera: Some(Camera {
             origin: Vec3::new(0.3, 1.4, 4.0),
             target: Vec3::new(0.0, 0.7, 0.0),
@@ -156,6 +163,7 @@ pub fn lamp_above_a_floor(lamp: Lamp) -> Scene {
         materials: vec![Material::default(), shining],
         textures: if lamp == Lamp::Masked { vec![mask] } else { Vec::new() },
         environment: None,
+        distant: Vec::new(),
         camera: Some(Camera {
             origin: Vec3::new(0.0, 0.9, 3.5),
             target: Vec3::new(0.0, -0.2, 0.5),

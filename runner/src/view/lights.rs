@@ -53,7 +53,8 @@ pub fn moment(scene: &Scene, time_s: f32, edits: &[Edit]) -> Moment {
             let placed = instance.world_from_object_at(time_s);
             let mesh = &scene.meshes[instance.mesh as usize];
             let center = Bounds::of(mesh.positions.iter().map(|p| placed.transform_point3(*p)));
-            let center = center.map_or(Vec3::ZERO, Bounds::center);
+            // Shapes have no vertices, but stand about their origin.
+            let center = center.map_or(placed.w_axis.truncate(), Bounds::center);
             let change = Mat4::from_translation(center + edit.offset)
                 * Mat4::from_scale(Vec3::splat(edit.scale))
                 * Mat4::from_translation(-center);

@@ -5,10 +5,11 @@ use weir_shader::wiring::Feature;
 use weir_shared::{
     bvh,
     camera::ray_through,
+    environment,
     frame::Frame,
     light::{self, ENVIRONMENT_BIT},
     reservoir::Reservoir,
-    scene::{Scene as SceneView, material_record},
+    scene::{Scene as SceneView, material_record, shape},
 };
 
 use crate::packed::PackedScene;
@@ -64,6 +65,9 @@ pub fn light_in_words(packed: &PackedScene, frame: &Frame, reservoir: &Reservoir
     if light & ENVIRONMENT_BIT != 0 {
         let texel = light & !ENVIRONMENT_BIT;
         let width = frame.environment_width.max(1);
+        if let Some(number) = texel.checked_sub(environment::texel_count(frame)) {
+            return format!("directional light {number}");
+        }
         return format!("texel ({}, {}) of the environment", texel % width, texel / width);
     }
     if light >= frame.light_count {
@@ -72,5 +76,10 @@ pub fn light_in_words(packed: &PackedScene, frame: &Frame, reservoir: &Reservoir
     let scene = view_of(packed);
     let place = light::find(frame, &scene, light);
     let instance = packed.scene_instance(place.instance).map_or_else(String::new, |i| format!(" of instance {i}"));
-    format!("light {light}: triangle {}{instance}", place.triangle)
+    match scene.shape_of(frame, place.instance) {
+        shape::TRIANGLES => format!("light {light}: triangle {}{instance}", place.triangle),
+        shape::PUNCTUAL => format!("light {light}: point or spot{instance}"),
+        shape::SPHERE => format!("light {light}: sphere{instance}"),
+        _ => format!("light {light}: rectangle{instance}"),
+    }
 }

@@ -149,6 +149,11 @@ fn a_chain_is_unbiased_while_lights_move() {
 }
 
 #[test]
+fn a_chain_is_unbiased_while_lights_of_other_shapes_move_and_flicker() {
+    assert_unbiased(scenarios::moving_shapes());
+}
+
+#[test]
 fn a_chain_is_unbiased_while_shadows_come_and_go() {
     assert_unbiased(scenarios::moving_occluder());
 }

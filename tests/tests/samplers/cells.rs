@@ -1,9 +1,14 @@
 //! The lamps above a surface, cut into cells of (light, u, v).
 
-use glam::{UVec2, Vec3};
-use weir::packed::{Moment, PackOptions, PackedScene};
+use glam::{Mat4, UVec2, Vec3};
+use weir::{
+    packed::{Moment, PackOptions, PackedScene},
+    scene::{DistantLight, Instance, Motion, Scene, Shape, lights},
+};
+use weir_shader::wiring::Feature;
 use weir_shared::{
     bvh::unoccluded,
+    environment,
     frame::Frame,
     light::{self, ENVIRONMENT_BIT, LightPoint, source},
     numerics::{pack_cell, pack_unorm16},
@@ -43,8 +48,35 @@ pub struct Cell {
 
 impl Bench {
     pub fn new(sky: bool, specular: f32, roughness: f32) -> Self {
+        Self::of(&lamps(sky), specular, roughness)
+    }
+
+    /// With lights that are no triangles, and no sky.
+    pub fn with_shapes(specular: f32, roughness: f32) -> Self {
+        let mut scene = lamps(false);
+        let down = Vec3::NEG_Y;
+        let spot = Shape::Spot { inner_deg: 20.0, outer_deg: 50.0 };
+        let (x, y) = (Vec3::X * 0.2, Vec3::Z * 0.3);
+        let panel =
+            Mat4::from_cols(x.extend(0.0), y.extend(0.0), down.extend(0.0), Vec3::new(0.9, 1.7, 0.4).extend(1.0));
+        for (shape, emission, world_from_object) in [
+            (Shape::Point, Vec3::new(1.0, 2.0, 0.5), Mat4::from_translation(Vec3::new(-0.7, 0.9, 0.3))),
+            (Shape::Point, Vec3::splat(0.3), Mat4::from_translation(Vec3::new(0.1, 0.4, 0.8))),
+            (spot, Vec3::new(3.0, 1.0, 1.0), lights::along(Vec3::new(0.2, 1.4, 0.5), down)),
+            (Shape::Rectangle, Vec3::splat(2.0), panel),
+        ] {
+            let mesh = lights::add_shape(&mut scene, shape, emission, false);
+            scene.instances.push(Instance { mesh, world_from_object, motion: Motion::Still });
+        }
+        let direction = Vec3::new(0.3, -0.9, -0.1).normalize();
+        scene.distant.push(DistantLight { direction, irradiance: Vec3::new(0.2, 0.3, 0.4) });
+        scene.distant.push(DistantLight { direction: down, irradiance: Vec3::splat(0.5) });
+        Self::of(&scene, specular, roughness)
+    }
+
+    fn of(scene: &Scene, specular: f32, roughness: f32) -> Self {
         let options = PackOptions { light_cuts: true, ..PackOptions::default() };
-        let mut packed = PackedScene::with(&lamps(sky), &Moment::default(), options).expect("packs");
+        let mut packed = PackedScene::with(scene, &Moment::default(), options).expect("packs");
         packed.frame = Frame {
             width: 2,
             height: 2,
@@ -65,8 +97,9 @@ impl Bench {
         Self { packed, surface, surfaces: vec![surface; 4] }
     }
 
-    pub fn has_sky(&self) -> bool {
-        self.packed.frame.environment_width > 0
+    /// Whether there are lights other than triangles.
+    pub fn has_others(&self) -> bool {
+        self.packed.features.contains(&Feature::ENVIRONMENT)
     }
 
     pub fn view(&self) -> SceneView<'_> {
@@ -87,7 +120,7 @@ impl Bench {
         (self.packed.frame.light_count * SIDE * SIDE) as usize
     }
 
-    /// The cell of a sample. A texel of the sky is one.
+    /// The cell of a sample. A texel of the sky is one, and a directional light.
     pub fn cell_of(&self, light: u32, uv: u32) -> usize {
         if light & ENVIRONMENT_BIT != 0 {
             return self.lamp_cells() + (light & !ENVIRONMENT_BIT) as usize;
@@ -96,7 +129,7 @@ impl Bench {
         ((light * SIDE + v) * SIDE + u) as usize
     }
 
-    /// The light of a cell; all of the sky is one.
+    /// The light of a cell; all that is infinitely far away is one.
     pub fn light_of(&self, cell: usize) -> usize {
         cell.min(self.lamp_cells()) / (SIDE * SIDE) as usize
     }
@@ -109,7 +142,7 @@ impl Bench {
     /// All cells, by the midpoint rule.
     pub fn cells(&self) -> Vec<Cell> {
         let frame = &self.packed.frame;
-        let texels = frame.environment_width * frame.environment_height;
+        let texels = environment::count(frame);
         let domain = self.domain();
         let cell = |light: u32, u0: f32, v0: f32, side: f32| {
             let points = FINE * FINE;

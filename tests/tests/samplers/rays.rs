@@ -13,7 +13,7 @@ fn found(bench: &Bench, cells: usize) -> Vec<f64> {
     let bvh = &bench.packed.bvh;
     for i in 0..RAYS {
         let frame = bench.frame(i);
-        let hit = if bench.has_sky() {
+        let hit = if bench.has_others() {
             bsdf_rays::<false, true, true>(PX, 0, &frame, &bench.view(), bvh, &bench.surfaces)
         } else {
             bsdf_rays::<false, false, true>(PX, 0, &frame, &bench.view(), bvh, &bench.surfaces)

@@ -6,6 +6,7 @@ mod park;
 mod random;
 mod rooms;
 mod shapes;
+mod studio;
 
 use crate::scene::Scene;
 
@@ -25,6 +26,11 @@ pub const BUILTIN: &[Builtin] = &[
         name: "cornell",
         description: "red and green walls, two blocks, one light of 2 triangles",
         build: cornell::build,
+    },
+    Builtin {
+        name: "studio",
+        description: "a room lit by a point, a spot, a sphere, a rectangle, a directional light and triangles",
+        build: studio::build,
     },
     Builtin {
         name: "rooms",

@@ -21,6 +21,7 @@ fn small_scene(world_from_object: Mat4) -> Scene {
             uvs: vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y, Vec2::X],
             triangles: vec![[0, 1, 2], [0, 2, 3], [0, 4, 2]],
             materials: vec![1, 0, 1],
+            ..Mesh::default()
         }],
         instances: vec![Instance { mesh: 0, world_from_object, motion: Motion::Still }],
         materials: vec![
@@ -48,7 +49,7 @@ fn small_scene(world_from_object: Mat4) -> Scene {
             rotation_deg: 30.0,
             scale: 2.0,
         }),
-        camera: None,
+        ..Scene::default()
     }
 }
 
