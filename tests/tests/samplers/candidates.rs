@@ -121,7 +121,9 @@ fn draw_ahead(bench: &Bench, frame: &Frame, presampled: &mut Vec<LightRecord>) {
     let (view, lights) = (bench.view(), &bench.packed.lights);
     let (row, record): (u32, fn(UVec2, &Frame, &Scene, &[u32], &[Surface]) -> LightRecord) = match frame.source {
         source::TILES => (tile_of(frame, PX), |at, f, s, l, _| tile_record::<false, true>(at, f, s, l)),
-        source::CELLS => (cell_of(frame, bench.domain().position), |at, f, s, l, _| cell_record::<false, true>(at, f, s, l)),
+        source::CELLS => {
+            (cell_of(frame, bench.domain().position), |at, f, s, l, _| cell_record::<false, true>(at, f, s, l))
+        }
         source::CUTS => (cut_of(frame, PX), cut_record),
         _ => return,
     };
