@@ -372,3 +372,29 @@ fn a_pixel_of_a_still_is_what_the_picture_has_there() {
     desk.refuses("pixel 32,0 cornell --size 32x18", Exit::Usage, &["no pixel 32,0 in 32x18"]);
     desk.refuses("pixel twelve cornell", Exit::Usage, &["a pixel is X,Y"]);
 }
+
+#[test]
+fn lights_come_from_a_file_beside_the_scene_or_from_one_that_is_named_and_are_exported() {
+    let light =
+        |kind: &str, more: &str| format!(r#"{{"lights": [{{"type": "{kind}", "position": [0, 0, 2], {more}}}]}}"#);
+    let desk = Desk::new()
+        .with("t.obj", TRIANGLE)
+        .with("t.lights.json", &light("point", r#""intensity": 9"#))
+        .with("other.json", &light("sphere", r#""radius": 0.1, "radiance": 1"#))
+        .with("broken.json", &light("sphere", r#""radius": 0, "radiance": 1"#));
+    let mean_of = |arguments: &str| {
+        desk.render(&format!("{arguments} -o p.exr")).ends(Exit::Ok);
+        mean(&desk.path("p.exr"))
+    };
+    let (beside, named) = (mean_of("t.obj"), mean_of("t.obj --lights other.json"));
+    assert!(beside > 100.0 * named && named > 0.0, "{beside} {named}");
+    desk.weir("export t.obj out").ends(Exit::Ok);
+    assert_eq!(mean_of("out/t.obj"), beside);
+    let exported = fs::read_to_string(desk.path("out/t.lights.json")).expect("lights");
+    assert!(exported.contains("\"point\"") && exported.contains("\"intensity\""), "{exported}");
+    let words = ["broken.json: light 1: `radius` is 0, not in 1e-9..=1e9", "help:"];
+    desk.refuses("render t.obj --lights broken.json --backend cpu -o p.png", Exit::BadData, &words);
+    desk.refuses("render t.obj --lights gone.json --backend cpu -o p.png", Exit::NoInput, &["gone.json"]);
+    fs::write(desk.path("t.lights.json"), "[").expect("the folder can be written to");
+    desk.refuses("render t.obj --backend cpu -o p.png", Exit::BadData, &["t.lights.json:1: not lights"]);
+}

@@ -3,8 +3,9 @@
 use egui::{ColorImage, TextureHandle, TextureOptions, Ui, load::SizedTexture, vec2};
 
 /// Small pictures, by the name of the scene.
-const PREVIEWS: [(&str, &[u8]); 3] = [
+const PREVIEWS: [(&str, &[u8]); 4] = [
     ("cornell", include_bytes!("../../../assets/pictures/gallery/cornell.png")),
+    ("studio", include_bytes!("../../../assets/pictures/gallery/studio.png")),
     ("rooms", include_bytes!("../../../assets/pictures/gallery/rooms.png")),
     ("park", include_bytes!("../../../assets/pictures/gallery/park.png")),
 ];

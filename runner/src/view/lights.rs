@@ -10,7 +10,7 @@ use rand_pcg::{
 
 use crate::{
     packed::Moment,
-    scene::{Instance, Material, Mesh, Motion, Scene, bounds::Bounds},
+    scene::{Instance, Material, Mesh, Motion, Scene, Shape, bounds::Bounds},
 };
 
 /// Most lights that can be added.
@@ -71,12 +71,15 @@ fn bits(point: Vec3) -> [u32; 3] {
 }
 
 /// Makes the light that holds the given triangle of an instance an instance of its own, unless it is one; returns which,
-/// or nothing if the triangle is no light. A light is what hangs together of emissive triangles.
+/// or nothing if the triangle is no light. A light is what hangs together of emissive triangles, or a shape.
 ///
 /// `corners` are in object space as it is packed, that of the mesh less `origin` (`PackedScene::object_origin`).
 pub fn detach(scene: &mut Scene, instance: u32, corners: [Vec3; 3], origin: Vec3) -> Option<u32> {
     let placement = scene.instances.get(instance as usize)?.clone();
     let mesh = &scene.meshes[placement.mesh as usize];
+    if mesh.shape != Shape::Triangles {
+        return Some(instance);
+    }
     let emits = |triangle: usize| scene.materials[mesh.materials[triangle] as usize].is_emissive();
     let points = |triangle: usize| mesh.triangles[triangle].map(|v| bits(mesh.positions[v as usize]));
     let wanted = corners.map(bits);
@@ -186,7 +189,15 @@ pub fn scatter(scene: &mut Scene, count: u32) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{packed::PackedScene, scene::builtin};
+    use crate::{
+        packed::PackedScene,
+        render::{Request, frame_of},
+        scene::{Camera, builtin},
+        settings::Settings,
+        technique::Technique,
+        view::pick,
+    };
+    use glam::UVec2;
 
     fn cornell() -> Scene {
         (builtin::find("cornell").expect("built in").build)()
@@ -246,6 +257,29 @@ mod tests {
         let center = Bounds::of(mesh.positions.iter().copied()).expect("triangles").center();
         assert!(placed.transform_point3(center).distance(center + Vec3::X) < 1e-4);
         assert!((placed.determinant() - 8.0).abs() < 1e-3);
+    }
+
+    /// A shape is picked though no ray finds it, and moves about its own origin.
+    #[test]
+    fn shapes_are_picked_by_nearness_and_moved_like_other_lights() {
+        let mut scene = (builtin::find("studio").expect("built in").build)();
+        let ball = scene.instances.iter().position(|i| scene.meshes[i.mesh as usize].shape == Shape::Sphere);
+        let ball = ball.expect("a sphere") as u32;
+        let center = scene.instances[ball as usize].world_from_object.w_axis.truncate();
+        let packed = PackedScene::new(&scene, 0.0).expect("packs");
+        let camera = Camera { target: center, ..scene.camera.expect("a camera") };
+        let request = Request::new(camera, [33, 33], Technique::Candidates, Settings::default());
+        let frame = frame_of(&packed, &request);
+        let picked = pick::at(&packed, &frame, UVec2::splat(16)).expect("the sphere");
+        assert_eq!((picked.instance, picked.emits), (ball, true));
+        let aside = pick::at(&packed, &frame, UVec2::new(16, 25)).expect("the floor");
+        assert!(!aside.emits);
+        assert_eq!(detach(&mut scene, ball, picked.corners_object, Vec3::ZERO), Some(ball));
+        let edit = Edit { offset: Vec3::Y, scale: 2.0, ..Edit::new(ball) };
+        let shown = moment(&scene, 0.0, &[edit]);
+        let (_, placed) = shown.placed[0];
+        assert!(placed.w_axis.truncate().abs_diff_eq(center + Vec3::Y, 1e-5), "{placed}");
+        assert!((placed.x_axis.length() - 0.24).abs() < 1e-5, "{placed}");
     }
 
     #[test]

@@ -8,8 +8,9 @@ use weir_shared::{
     environment,
     frame::Frame,
     light::{self, ENVIRONMENT_BIT},
+    ray::Ray,
     reservoir::Reservoir,
-    scene::{Scene as SceneView, material_record, shape},
+    scene::{Scene as SceneView, emitter_record, instance_record, material_record, shape},
 };
 
 use crate::packed::PackedScene;
@@ -21,7 +22,7 @@ pub struct Picked {
     pub position: Vec3,
     /// The instance of the scene.
     pub instance: u32,
-    /// Corners of the triangle, in the packed space of its mesh (`PackedScene::object_origin`).
+    /// Corners of the triangle, if it is one, in the packed space of its mesh (`PackedScene::object_origin`).
     pub corners_object: [Vec3; 3],
     /// Whether it is a light.
     pub emits: bool,
@@ -32,7 +33,36 @@ pub fn view_of(packed: &PackedScene) -> SceneView<'_> {
     SceneView { triangles: &packed.triangles, records: &packed.records, texels: &packed.texels }
 }
 
-/// What the ray through the middle of a pixel finds.
+/// How far a ray may miss a shape and still pick it: the tangent of two degrees.
+const REACH: f32 = 0.035;
+
+/// The instance of the shape that a ray passes nearest to, by the angle, no farther than `t_max`; and the shape's distance.
+fn shape_near(frame: &Frame, scene: &SceneView<'_>, ray: &Ray, t_max: f32) -> Option<(u32, f32)> {
+    let distance_of = |emitter: u32| {
+        let instance = scene.emitter_word(frame, emitter, emitter_record::INSTANCE);
+        let shape = scene.shape_of(frame, instance);
+        if shape == shape::TRIANGLES {
+            return None;
+        }
+        let matrix = scene.instance_at(frame, instance) + instance_record::WORLD_FROM_OBJECT;
+        let edge = |axis: Vec3| scene.transform_vector(matrix, axis).length();
+        let size = match shape {
+            shape::SPHERE => f32::from_bits(scene.instance_word(frame, instance, instance_record::RADIUS)),
+            shape::RECTANGLE => edge(Vec3::X).min(edge(Vec3::Y)),
+            _ => 0.0,
+        };
+        let toward = scene.transform_point(matrix, Vec3::ZERO) - ray.origin;
+        let along = toward.dot(ray.direction);
+        let across = (toward - ray.direction * along).length();
+        let is_near = along > 0.0 && along < t_max && across <= along * REACH + size;
+        is_near.then_some((instance, along, across / along))
+    };
+    let near = (0..frame.emitter_count).filter_map(distance_of).min_by(|a, b| a.2.total_cmp(&b.2));
+    near.map(|(instance, along, _)| (instance, along))
+}
+
+/// What the ray through the middle of a pixel finds: a shape that it passes near to, though it can't be seen, or else the
+/// first triangle.
 pub fn at(packed: &PackedScene, frame: &Frame, px: UVec2) -> Option<Picked> {
     let (scene, bvh) = (view_of(packed), packed.bvh.as_slice());
     let ray = ray_through(frame, px.x as f32 + 0.5, px.y as f32 + 0.5);
@@ -43,6 +73,14 @@ pub fn at(packed: &PackedScene, frame: &Frame, px: UVec2) -> Option<Picked> {
         (false, true) => bvh::closest_hit::<false, true>(frame, &scene, bvh, &ray),
         (true, true) => bvh::closest_hit::<true, true>(frame, &scene, bvh, &ray),
     };
+    if let Some((instance, along)) = shape_near(frame, &scene, &ray, hit.t) {
+        return Some(Picked {
+            position: ray.origin + ray.direction * along + packed.origin,
+            instance: packed.scene_instance(instance)?,
+            corners_object: [Vec3::ZERO; 3],
+            emits: true,
+        });
+    }
     if hit.is_miss() {
         return None;
     }

@@ -78,7 +78,7 @@ fn any_record_of_a_tile_is_a_lamp_as_often_as_reported_and_a_tile_has_its_parts(
         let frame = Frame { index: tile / rows, ..frame };
         let mut of_tile = vec![0u32; emitters.len()];
         for column in 0..columns {
-            let record = tile_record::<false>(UVec2::new(column, tile % rows), &frame, &view, lights);
+            let record = tile_record::<false, true>(UVec2::new(column, tile % rows), &frame, &view, lights);
             assert_eq!(f64::from(record.pmf), pmf[record.light as usize]);
             assert_eq!((record.scale, light::light_at(&frame, &view, record.address())), (1.0, record.light));
             counts[record.light as usize] += 1.0;
