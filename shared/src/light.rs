@@ -240,7 +240,7 @@ pub fn evaluate_shape(frame: &Frame, scene: &Scene, place: Place, uv: u32) -> Li
     let (u, v) = (unorm16_center(uv), unorm16_center(uv >> 16));
     let shape = scene.shape_of(frame, instance);
     let matrix = scene.instance_at(frame, instance) + instance_record::WORLD_FROM_OBJECT;
-    let center = scene.transform_point(matrix, Vec3::ZERO);
+    let center = scene.column(matrix, 3);
     let material = scene.material_of(frame, instance, triangle);
     let none = LightPoint {
         position: center,
@@ -262,7 +262,7 @@ pub fn evaluate_shape(frame: &Frame, scene: &Scene, place: Place, uv: u32) -> Li
             ..none
         }
     } else if shape == shape::RECTANGLE {
-        let (x, y) = (scene.transform_vector(matrix, Vec3::X), scene.transform_vector(matrix, Vec3::Y));
+        let (x, y) = (scene.column(matrix, 0), scene.column(matrix, 1));
         let flags = scene.instance_word(frame, instance, instance_record::FLAGS);
         let facing = if (flags & attribute_flags::MIRRORED) != 0 { -1.0 } else { 1.0 };
         let cross = x.cross(y) * facing;
@@ -278,7 +278,7 @@ pub fn evaluate_shape(frame: &Frame, scene: &Scene, place: Place, uv: u32) -> Li
         }
     } else {
         let attributes = scene.instance_word(frame, instance, instance_record::ATTRIBUTES_AT);
-        let axis = scene.transform_vector(matrix, Vec3::NEG_Z);
+        let axis = -scene.column(matrix, 2);
         let length = sqrt(axis.length_squared());
         LightPoint {
             normal: axis * (if length > 0.0 { 1.0 / length } else { 0.0 }),

@@ -89,6 +89,15 @@ impl Tree {
     }
 
     #[inline(always)]
+    fn vector(&self, lights: &[u32], node: u32, field: u32) -> Vec3 {
+        Vec3::new(
+            self.word(lights, node, field),
+            self.word(lights, node, field + 1),
+            self.word(lights, node, field + 2),
+        )
+    }
+
+    #[inline(always)]
     fn power(&self, lights: &[u32], node: u32) -> f32 {
         self.word(lights, node, node_field::POWER)
     }
@@ -116,14 +125,7 @@ struct Bound {
 
 #[inline(always)]
 fn bound_of(tree: &Tree, lights: &[u32], node: u32, position: Vec3, normal: Vec3) -> Bound {
-    let vector = |field: u32| {
-        Vec3::new(
-            tree.word(lights, node, field),
-            tree.word(lights, node, field + 1),
-            tree.word(lights, node, field + 2),
-        )
-    };
-    let (low, high) = (vector(node_field::LOW), vector(node_field::HIGH));
+    let (low, high) = (tree.vector(lights, node, node_field::LOW), tree.vector(lights, node, node_field::HIGH));
     let half = (high - low) * 0.5;
     let offset = (low + high) * 0.5 - position;
     let away = Vec3::new(abs(offset.x), abs(offset.y), abs(offset.z));
@@ -472,9 +474,9 @@ pub fn cut_record(at: UVec2, frame: &Frame, scene: &Scene, lights: &[u32], surfa
                 place = mesh.surface(frame, scene, position, normal);
                 let record = scene.instance_at(frame, mesh.instance);
                 let to_world = record + instance_record::WORLD_FROM_OBJECT;
-                let x2 = scene.transform_vector(to_world, Vec3::X).length_squared();
-                let y2 = scene.transform_vector(to_world, Vec3::Y).length_squared();
-                let z2 = scene.transform_vector(to_world, Vec3::Z).length_squared();
+                let x2 = scene.column(to_world, 0).length_squared();
+                let y2 = scene.column(to_world, 1).length_squared();
+                let z2 = scene.column(to_world, 2).length_squared();
                 let mean2 = (x2 + y2 + z2) * (1.0 / 3.0);
                 scale = top.power(lights, top.leaf_of(lights, split.emitter)) / max(mean2, 1e-30);
             }

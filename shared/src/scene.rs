@@ -238,6 +238,12 @@ impl Scene<'_> {
         Vec3::new(row(0), row(1), row(2))
     }
 
+    /// Column `i` of the 3x4 matrix whose rows start at word `at`: where an axis goes, or, of the last, the origin.
+    #[inline(always)]
+    pub fn column(&self, at: u32, i: u32) -> Vec3 {
+        Vec3::new(self.float(at + i), self.float(at + 4 + i), self.float(at + 8 + i))
+    }
+
     /// A direction through the transpose of the 3x4 matrix whose rows start at word `at`: normals go to world space
     /// by the transpose of the matrix to object space.
     #[inline(always)]

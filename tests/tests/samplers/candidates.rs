@@ -361,9 +361,9 @@ fn an_error_of_three_percent_in_a_density_is_seen() {
     bench.packed.lights.swap(at, at + 1);
     see("tree", &bench, all, fine);
 
-    // Two lamps in the order of the leaves, which follows the number of levels and the ranks.
+    // The first and the last in the order of the leaves, which follows the number of levels and the ranks.
     let mut bench = Bench::new(false, 0.3, 0.5);
     let at = (bench.packed.frame.light_cuts_at + 1 + emitters) as usize;
-    bench.packed.lights.swap(at, at + 1);
+    bench.packed.lights.swap(at, at + emitters as usize - 1);
     see("cuts", &bench, cuts, fine);
 }

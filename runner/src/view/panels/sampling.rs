@@ -29,7 +29,7 @@ fn values(knob: &Knob) -> Values {
 fn title(prefix: &str) -> &'static str {
     match prefix {
         "candidates" => "Candidates",
-        "tiles" | "cells" => "Lights drawn ahead",
+        "tiles" | "cells" | "cuts" => "Lights drawn ahead",
         "reservoirs" => "Reservoirs",
         "reuse" => "Reuse",
         "temporal" => "Reuse in time",
