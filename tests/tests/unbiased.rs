@@ -101,8 +101,7 @@ fn cornell() -> Scene {
 
 #[test]
 fn resampled_candidates_have_the_mean_of_the_reference() {
-    for (name, scene, samples) in
-        [("cornell", cornell(), 512), ("variety", variety(), 1024), ("studio", studio(), 1024)]
+    for (name, scene, samples) in [("cornell", cornell(), 512), ("variety", variety(), 1024), ("studio", studio(), 512)]
     {
         let judge = reference(&scene, samples);
         assert_eq!(judge.faults.samples, 0);
@@ -112,8 +111,8 @@ fn resampled_candidates_have_the_mean_of_the_reference() {
             &["candidates.count=4", "candidates.source=uniform"],
             // Alone: on `variety` one candidate for the sky, and one for six lamps; on `studio` one for the moon, and one for
             // six other lights.
-            &["candidates.count=1", "candidates.source=tiles", "candidates.bsdf=0"],
-            &["candidates.count=1", "candidates.source=cells", "candidates.bsdf=0"],
+            &["candidates.count=1", "candidates.source=tiles", "candidates.bsdf=0", "tiles.count=16", "tiles.size=64"],
+            &["candidates.count=1", "candidates.source=cells", "candidates.bsdf=0", "cells.slots=4"],
             &["candidates.count=1", "candidates.source=tree", "candidates.bsdf=0"],
             &["candidates.count=1", "candidates.source=cuts", "candidates.bsdf=0"],
             &["candidates.count=4", "reservoirs.choice=inversion"],
@@ -189,7 +188,7 @@ fn every_kind_of_light_of_the_studio_is_missed() {
 #[test]
 fn reuse_in_space_keeps_lights_of_every_kind() {
     let judge = reference(&studio(), 1024);
-    for knobs in [&[] as &[&str], &["candidates.source=cells"], &["reuse.mis=balance"]] {
+    for knobs in [&[] as &[&str], &["candidates.source=cells", "cells.slots=4"], &["reuse.mis=balance", "rays=speed"]] {
         if let Err(difference) = compare(&passes_of(Technique::Still, &studio(), 512, 1, knobs), &judge) {
             panic!("{knobs:?}: {difference}");
         }
