@@ -35,7 +35,9 @@ pub mod source {
 }
 
 /// Where light comes from: a point of a light, evaluated.
+// naga takes the size of a structure with vectors for a multiple of 16, and rejects others that hold it twice if it is not.
 #[derive(Clone, Copy)]
+#[repr(align(16))]
 pub struct LightPoint {
     /// World space; where `distant`, the direction toward it.
     pub position: Vec3,

@@ -129,7 +129,8 @@ impl Fields {
     fn emission(&mut self, name: &str) -> Result<Vec3, String> {
         let color = if self.0.contains_key("color") { self.vector("color")? } else { DVec3::ONE };
         let emission = (color * self.number(name, 0.0..=MAX_RADIANCE)?).as_vec3();
-        if color.min_element() < 0.0 || !(emission.max_element() <= MAX_RADIANCE as f32) {
+        let is_within = color.cmpge(DVec3::ZERO).all() && emission.cmple(Vec3::splat(MAX_RADIANCE as f32)).all();
+        if !is_within {
             return Err(format!("`color` times `{name}` is {emission}, not in 0..={MAX_RADIANCE:e}"));
         }
         Ok(emission)

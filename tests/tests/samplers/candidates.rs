@@ -116,10 +116,13 @@ fn cuts(frame: &mut Frame) {
     (frame.presampled_columns, frame.presampled_rows) = (5, 1);
 }
 
+/// Draws a record, or makes a cluster of a cut.
+type Draw = fn(UVec2, &Frame, &Scene, &[u32], &[Surface]) -> LightRecord;
+
 /// Draws ahead what the surface asks for.
 fn draw_ahead(bench: &Bench, frame: &Frame, presampled: &mut Vec<LightRecord>) {
     let (view, lights) = (bench.view(), &bench.packed.lights);
-    let (row, record): (u32, fn(UVec2, &Frame, &Scene, &[u32], &[Surface]) -> LightRecord) = match frame.source {
+    let (row, record): (u32, Draw) = match frame.source {
         source::TILES => (tile_of(frame, PX), |at, f, s, l, _| tile_record::<false, true>(at, f, s, l)),
         source::CELLS => {
             (cell_of(frame, bench.domain().position), |at, f, s, l, _| cell_record::<false, true>(at, f, s, l))

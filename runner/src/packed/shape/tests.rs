@@ -225,7 +225,7 @@ fn tables_trees_and_cells_have_every_light_wherever_it_shines() {
         let light = i % frame.light_count;
         let point = light::evaluate::<false, true>(&frame, &view, light, pack_cell(u * 0.5 + 0.5, v * 0.5 + 0.5));
         let arriving = light::arriving::<true>(position, &point);
-        if !(arriving.irradiance.x * normal.dot(arriving.direction) > 0.0) {
+        if arriving.irradiance.x * normal.dot(arriving.direction) <= 0.0 {
             continue;
         }
         shone += 1;
