@@ -42,7 +42,8 @@ pub struct LightRecord {
     pub pmf: f32,
     /// `pmf` times the contribution weight of the record: 1 where it was drawn by `pmf` alone.
     pub scale: f32,
-    /// Bits of [`state`].
+    /// Bits: both faces emit; no ray finds it; it is a single point. Above them: the kind of the first [`crate::fault`] in
+    /// making the record.
     pub state: u32,
     /// Emitter of the light, see [`Address`].
     pub emitter: u32,

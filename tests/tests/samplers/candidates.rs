@@ -11,7 +11,7 @@ use weir_shared::{
     alias, fault,
     frame::Frame,
     light::source,
-    light_cuts::{cut_of, cut_record},
+    light_cuts::{self, cut_of, cut_record},
     light_tree::NO_TREE,
     octahedral,
     presample::{LEVEL_CELLS, LEVELS, LightRecord, cell_of, cell_record, tile_of, tile_record},
@@ -364,9 +364,11 @@ fn an_error_of_three_percent_in_a_density_is_seen() {
     bench.packed.lights.swap(at, at + 1);
     see("tree", &bench, all, fine);
 
-    // The first and the last in the order of the leaves, which follows the number of levels and the ranks.
+    // A leaf of the tree for cuts that says that nothing emits there.
     let mut bench = Bench::new(false, 0.3, 0.5);
-    let at = (bench.packed.frame.light_cuts_at + 1 + emitters) as usize;
-    bench.packed.lights.swap(at, at + emitters as usize - 1);
+    let at = bench.packed.frame.light_cuts_at;
+    let leaf = 1 << bench.packed.lights[at as usize];
+    let power = at + 1 + 2 * emitters + (leaf - 1) * light_cuts::NODE_WORDS + light_cuts::node_field::POWER;
+    bench.packed.lights[power as usize] = 0;
     see("cuts", &bench, cuts, fine);
 }
