@@ -134,7 +134,7 @@ struct Item {
 
 /// Most emissive triangles that the trees of all meshes hold together. Trees and alias tables of so many take about 120
 /// MB, and WebGPU grants no more than 128 MiB to a storage binding. Half as many where there are trees for cuts as well,
-/// of which so many take 76 MB at most.
+/// of which so many take 72 MB at most.
 pub(super) const MOST_IN_TREES: usize = 1 << 20;
 
 /// Which meshes get a tree, by their numbers of emissive triangles: the smallest ones, while all together have no more
