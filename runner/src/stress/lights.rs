@@ -2,7 +2,7 @@
 
 use std::iter;
 
-use glam::Vec3;
+use glam::{Mat4, Vec3};
 use weir_shared::reservoir::Reservoir;
 
 use super::{
@@ -17,7 +17,7 @@ use super::{
 use crate::{
     packed::Moment,
     render::Backend,
-    scene::{Environment, Material, Texture},
+    scene::{DistantLight, Environment, Material, Shape, Texture, lights},
     sequence::Shot,
     technique::Technique,
 };
@@ -86,14 +86,14 @@ pub(super) const CASES: &[Case] = &[
     Case {
         number: 29,
         name: "spherical lights",
-        expected: "finite, density times solid angle 1",
-        checks: &[Check::Inapplicable("weir's lights are triangles and texels of the environment")],
+        expected: "the mean over (u, v) is pi L (r/d)^2 down to r/d = 1e-6; none from within; finite where they touch",
+        checks: &[Check::Host(tables::spherical_lights)],
     },
     Case {
         number: 30,
         name: "lights that no direction finds",
-        expected: "the denominator has the light's own density alone",
-        checks: &[Check::Inapplicable("weir has no point or directional lights: a ray can meet each of its lights")],
+        expected: "the mean of the reference, with rays by the BSDF and without",
+        checks: &[Check::Frames(lights_that_no_direction_finds)],
     },
     Case {
         number: 31,
@@ -142,7 +142,7 @@ const SOURCES: [&[&str]; 6] = [
     &["candidates.count=1", "candidates.source=tiles", "tiles.count=4", "tiles.size=32"],
     &["candidates.count=1", "candidates.source=cells", "cells.slots=4"],
     &["candidates.count=1", "candidates.source=tree"],
-    &["candidates.count=1", "candidates.source=cuts"],
+    &["candidates.count=1", "candidates.source=cuts", "cuts.size=1"],
 ];
 
 fn few_lights(backend: &Backend<'_>) -> Found {
@@ -194,6 +194,29 @@ fn all_off(backend: &Backend<'_>) -> Found {
         let still = super::clip::Still { moments: clip.output("moments")?, frames: Vec::new() };
         let most = still.channels().fold(0.0, f32::max);
         findings.push(still.finding(most == 0.0, format!("{technique} {most}")));
+    }
+    Ok(Finding::all(findings))
+}
+
+/// A point, a spot and a directional light over a floor.
+fn lights_that_no_direction_finds(backend: &Backend<'_>) -> Found {
+    let mut stage = Stage::floor();
+    let spot = Shape::Spot { inner_deg: 10.0, outer_deg: 40.0 };
+    for (shape, place) in [
+        (Shape::Point, Mat4::from_translation(Vec3::new(0.3, 0.7, 0.2))),
+        (spot, lights::along(Vec3::new(-0.4, 0.8, 0.0), Vec3::NEG_Y)),
+    ] {
+        let mesh = lights::add_shape(&mut stage.scene, shape, Vec3::ONE, false);
+        stage.place(mesh, place);
+    }
+    let direction = Vec3::new(0.5, -1.0, 0.2).normalize();
+    stage.scene.distant.push(DistantLight { direction, irradiance: Vec3::splat(0.5) });
+    let mut findings = Vec::new();
+    for bsdf in ["candidates.bsdf=0", "candidates.bsdf=1"] {
+        let take = Take::still(&stage.scene, Technique::Still, &[bsdf]);
+        let still = Clip::new(backend, &take)?.stills(64)?;
+        let (agrees, text) = still.total().agrees(&take.judged(0, 1024)?, 0.03);
+        findings.push(still.finding(agrees, format!("{bsdf} {text}")));
     }
     Ok(Finding::all(findings))
 }

@@ -1,6 +1,6 @@
 //! Cases about the tables of lights and what is read from them.
 
-use glam::{DVec3, Vec3};
+use glam::{DVec3, Mat4, Quat, Vec3};
 use weir_shared::{
     alias,
     light::{self, LightPoint},
@@ -16,7 +16,7 @@ use weir_shared::{
 use super::{Finding, stage, statistics::misfit};
 use crate::{
     packed::PackedScene,
-    scene::{Instance, Mesh, Motion, Scene},
+    scene::{Instance, Mesh, Motion, Scene, Shape, lights},
 };
 
 /// Probabilities with which a table is sampled, from its bins: exact in units of 2^-32 / n.
@@ -312,4 +312,41 @@ pub fn under_a_large_light() -> Finding {
     let (share, _) = below_a_square(1e-7);
     findings.push(Finding::new(share.is_finite() && share < 1.05, format!("at 1e-7 {share:.3} of the light")));
     Finding::all(findings)
+}
+
+/// Share of what a sphere of radius `ratio`, one above a floor, sends to the point below its center: of pi (r/d)^2, from the
+/// mean over 256 by 256 cells of (u, v).
+fn below_a_sphere(ratio: f32) -> f64 {
+    const SIDE: u32 = 256;
+    let mut scene = emitting(&[[Vec3::ZERO, Vec3::X, Vec3::Z]]);
+    scene.materials[0].emission = Vec3::ZERO;
+    let mesh = lights::add_shape(&mut scene, Shape::Sphere, Vec3::ONE, false);
+    let world_from_object = Mat4::from_scale_rotation_translation(Vec3::splat(ratio), Quat::IDENTITY, Vec3::Y);
+    scene.instances.push(Instance { mesh, world_from_object, motion: Motion::Still });
+    let Ok(packed) = PackedScene::new(&scene, 0.0) else { return f64::NAN };
+    let view = SceneView { triangles: &packed.triangles, records: &packed.records, texels: &packed.texels };
+    let floor = floor_at(Vec3::ZERO);
+    let at = |i: u32| (i as f32 + 0.5) / SIDE as f32;
+    let sum: f64 = (0..SIDE * SIDE)
+        .map(|i| {
+            let uv = pack_cell(at(i % SIDE), at(i / SIDE));
+            let point = light::evaluate::<false, true>(&packed.frame, &view, 0, uv);
+            f64::from(floor.target::<true, false>(&point))
+        })
+        .sum();
+    // A white floor reflects the irradiance over pi.
+    sum / f64::from(SIDE * SIDE) / f64::from(ratio).powi(2)
+}
+
+pub fn spherical_lights() -> Finding {
+    let shares = [1e-6, 1e-3, 0.1, 0.5].map(below_a_sphere);
+    let worst = shares.iter().fold(0.0, |worst: f64, share| worst.max((share - 1.0).abs()));
+    let within = below_a_sphere(2.0);
+    let touching = [1.0 - 1e-7, 1.0].map(below_a_sphere);
+    Finding::new(
+        shares.iter().all(|share| (share - 1.0).abs() < 1e-2)
+            && within == 0.0
+            && touching.iter().all(|share| share.is_finite()),
+        format!("off by {worst:.1e} at most, {within} within, {touching:.2?} of the light where they touch"),
+    )
 }
