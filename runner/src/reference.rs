@@ -1,9 +1,10 @@
 //! The reference: a plain path tracer, apart from the passes, that everything else is judged by.
 //!
-//! Emissive triangles are drawn uniformly, the environment by its own cumulative table, directions by the BSDF; the two ways to
-//! find a light are combined by the balance heuristic (Veach and Guibas 1995). Of shapes and of directional lights, which no
-//! direction finds, one each is drawn uniformly for every surface; a sphere by the directions to it. Sums are in f64 and random numbers come
-//! from a generator that no pass uses. What it shares with the passes is geometry, materials and the BSDF.
+//! Emissive triangles are drawn uniformly, the environment by its own cumulative table, directions by the BSDF; the two
+//! ways to find a light are combined by the balance heuristic (Veach and Guibas 1995). Of shapes and of directional
+//! lights, which no direction finds, one each is drawn uniformly for every surface; a sphere by the directions to it. Sums
+//! are in f64 and random numbers come from a generator that no pass uses. What it shares with the passes is geometry,
+//! materials and the BSDF.
 
 use glam::{DMat4, DVec3, DVec4, UVec4, Vec3};
 use rand_pcg::{

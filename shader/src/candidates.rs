@@ -38,13 +38,15 @@ struct Shares {
     row: u32,
     /// Whether that row is a cut.
     has_cut: bool,
+    /// Records of that row, or clusters of that cut.
+    columns: u32,
 }
 
 impl Shares {
     /// At least one for the table, or for the tree if that is the source, and for the environment where there is any, or
     /// that light would be missing; with both, a quarter of the candidates for the environment. Of the rest the light tree
     /// has as many as it may.
-    fn new<const ENVIRONMENT: bool>(frame: &Frame, px: UVec2, domain: &Domain) -> Self {
+    fn new<const ENVIRONMENT: bool>(frame: &Frame, px: UVec2, domain: &Domain, presampled: &[LightRecord]) -> Self {
         let all = if is_on_lattice(frame, px) { frame.candidates } else { frame.candidates_off_lattice };
         let environment = if !ENVIRONMENT || environment::count(frame) == 0 {
             0
@@ -75,7 +77,8 @@ impl Shares {
             NO_ROW
         };
         let has_cut = row != NO_ROW && frame.source == source::CUTS;
-        Self { table, tree, environment, bsdf: frame.candidates_bsdf, enumerate, row, has_cut }
+        let columns = if has_cut { light_cuts::size_of_cut(frame, presampled, row) } else { frame.presampled_columns };
+        Self { table, tree, environment, bsdf: frame.candidates_bsdf, enumerate, row, has_cut, columns }
     }
 
     /// The points on lights, a word each, where candidate `number` takes its own.
@@ -104,7 +107,7 @@ fn drawn_ahead(
     number: u32,
     count: u32,
 ) -> LightRecord {
-    load(presampled, frame.index_of_record(UVec2::new(column_of(frame, start, number, count), shares.row)))
+    load(presampled, frame.index_of_record(UVec2::new(column_of(shares.columns, start, number, count), shares.row)))
 }
 
 /// Random numbers that a walk down the light tree may take, as a power of two of fours.
@@ -185,8 +188,8 @@ impl Offered for Candidate {
     }
 }
 
-/// Offers the candidates of a reservoir from number `from` on, `most` of them at most; returns the worst fault of drawing
-/// them. See [`candidates`]. Only groups that are offered whole compete as such.
+/// Offers the candidates of a reservoir from number `from` on, `most` of them at most, for the surface of the pixel; returns
+/// the worst fault of drawing them. See [`candidates`]. Candidates compete in groups only if all of them are offered.
 #[inline(always)]
 fn offer_candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool, O: Offered>(
     px: UVec2,
@@ -197,13 +200,15 @@ fn offer_candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULA
     surfaces: &[Surface],
     bsdf_hits: &[Reservoir],
     presampled: &[LightRecord],
-    domain: &Domain,
-    shares: &Shares,
+    surface: &Surface,
     from: u32,
     most: u32,
-    grouped: bool,
     offered: &mut O,
 ) -> u32 {
+    let domain = &Domain::new(frame.camera_origin, surface);
+    let shares = &Shares::new::<ENVIRONMENT>(frame, px, domain, presampled);
+    let is_whole = most == EVERY;
+    let grouped = is_whole && frame.candidates_full > 0 && frame.candidates_full < shares.table && !shares.enumerate;
     let groups = if grouped { frame.candidates_full } else { 1 };
     // Candidates one after the other: the table's, group by group and after each group its survivor; the tree's; the
     // environment's; the BSDF's. One loop body, because on a GPU everything is inlined.
@@ -220,7 +225,7 @@ fn offer_candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULA
     let walk_rng = Rng::for_reservoir(px, reservoir, frame, Stage::LightTree);
     let cut_rng = Rng::for_reservoir(px, reservoir, frame, Stage::LightCuts);
     #[cfg(not(target_arch = "spirv"))]
-    let mut party = if from == 0 && most > 1 {
+    let mut party = if is_whole {
         ahead(px, reservoir, frame, scene, lights, domain, shares, grouped, picks, walk_rng, bsdf_hits, presampled)
     } else {
         Party::new()
@@ -304,12 +309,20 @@ fn offer_candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULA
             if (step == 0) == (is_drawn && shares.has_cut) {
                 if shares.has_cut && !is_distant && !is_survivor && (is_drawn || id != NO_LIGHT) {
                     if !is_drawn {
-                        cluster = light_cuts::cluster_of(frame, scene, lights, presampled, shares.row, address);
+                        cluster = light_cuts::cluster_of(
+                            frame,
+                            scene,
+                            lights,
+                            presampled,
+                            shares.row,
+                            shares.columns,
+                            address,
+                        );
                     }
                     let rng = cut_rng.skip(i << WALK_BITS);
                     let reached =
                         light_cuts::walk(frame, scene, lights, cluster, position, normal, !is_drawn, address, rng);
-                    pmf = reached.pmf * (1.0 / frame.presampled_columns as f32);
+                    pmf = reached.pmf * (1.0 / shares.columns as f32);
                     if is_drawn && reached.pmf > 0.0 {
                         address = reached.address;
                         id = light::light_at(frame, scene, address);
@@ -391,8 +404,8 @@ fn offer_candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULA
 /// The target p̂ is the mean over the colour channels of the unshadowed reflected radiance, per unit of (u, v).
 /// Techniques: emissive triangles and shapes by the scene's tables, or each once if there are no more of them than
 /// candidates; the same by the light tree; texels of the environment and directional lights; directions from the BSDF
-/// (`bsdf_hits`), which find neither shapes nor directional lights. A candidate has the weight p̂ / sum of N_t p_t over the techniques t that can draw it, all densities over (light, u, v): balance
-/// weights, multiplied out.
+/// (`bsdf_hits`), which find neither shapes nor directional lights. A candidate has the weight p̂ / sum of N_t p_t over
+/// the techniques t that can draw it, all densities over (light, u, v): balance weights, multiplied out.
 ///
 /// The tables' candidates may come from lights drawn ahead (`presampled`). In tiles they have the law of the tables. In
 /// cells their density is not known, but their contribution weight is; the tables' density stands for it in the balance
@@ -417,11 +430,8 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
     if surface.is_sky() {
         return Reservoir::EMPTY;
     }
-    let domain = Domain::new(frame.camera_origin, &surface);
-    let shares = Shares::new::<ENVIRONMENT>(frame, px, &domain);
     let choice = Rng::for_reservoir(px, reservoir, frame, Stage::CandidateChoice);
     let mut stream: Stream<f32, Sample, Chooser> = Stream::new((0, 0), Chooser::new(choice, frame.choice));
-    let grouped = frame.candidates_full > 0 && frame.candidates_full < shares.table && !shares.enumerate;
     let group_fault = offer_candidates::<TEXTURES, ENVIRONMENT, SPECULAR, _>(
         px,
         reservoir,
@@ -431,11 +441,9 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
         surfaces,
         bsdf_hits,
         presampled,
-        &domain,
-        &shares,
+        &surface,
         0,
         EVERY,
-        grouped,
         &mut stream,
     );
     let (id, uv) = stream.kept();
@@ -460,8 +468,6 @@ pub fn resident<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: b
     if surface.is_sky() {
         return candidate;
     }
-    let domain = Domain::new(frame.camera_origin, &surface);
-    let shares = Shares::new::<ENVIRONMENT>(frame, px, &domain);
     let count = frame.candidates_in_memory();
     let (reservoir, number) = (number / count, number % count);
     candidate.fault = offer_candidates::<TEXTURES, ENVIRONMENT, SPECULAR, _>(
@@ -473,11 +479,9 @@ pub fn resident<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: b
         surfaces,
         bsdf_hits,
         presampled,
-        &domain,
-        &shares,
+        &surface,
         number,
         1,
-        false,
         &mut candidate,
     );
     candidate

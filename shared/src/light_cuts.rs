@@ -198,10 +198,10 @@ impl Cluster {
         Self { emitter: record.emitter, node: record.local }
     }
 
-    /// As a record: one without a light.
+    /// As a record, one without a light, of a cut of `count` clusters.
     #[inline(always)]
-    pub fn record(&self) -> LightRecord {
-        LightRecord { emitter: self.emitter, local: self.node, ..LightRecord::EMPTY }
+    pub fn record(&self, count: u32) -> LightRecord {
+        LightRecord { emitter: self.emitter, local: self.node, uv: count, ..LightRecord::EMPTY }
     }
 
     /// Whether it holds no lights.
@@ -325,14 +325,15 @@ pub fn walk(
     reached
 }
 
-/// The cluster of a block's cut that holds a light. `row` is the cut.
+/// The cluster that holds a light, of the `size` clusters of cut `cut`.
 #[inline(always)]
 pub fn cluster_of(
     frame: &Frame,
     scene: &Scene,
     lights: &[u32],
     presampled: &[LightRecord],
-    row: u32,
+    cut: u32,
+    size: u32,
     light: Address,
 ) -> Cluster {
     let top = Tree::new(lights, frame.light_cuts_at, frame.emitter_count);
@@ -344,8 +345,8 @@ pub fn cluster_of(
     }
     let mut found = Cluster::NONE;
     let mut column = 0;
-    while column < frame.presampled_columns && found.is_none() {
-        let cluster = Cluster::of(&load(presampled, frame.index_of_record(UVec2::new(column, row))));
+    while column < size && found.is_none() {
+        let cluster = Cluster::of(&load(presampled, frame.index_of_record(UVec2::new(column, cut))));
         let leaf = if cluster.emitter == TOP { top_leaf } else { mesh_leaf };
         if (cluster.emitter == TOP || cluster.emitter == light.emitter)
             && !cluster.is_none()
@@ -362,6 +363,12 @@ pub fn cluster_of(
 #[inline(always)]
 fn blocks_in_a_row(frame: &Frame) -> u32 {
     (frame.width + 7) >> 3
+}
+
+/// Clusters of a cut, at least 1; they stand first in its row.
+#[inline(always)]
+pub fn size_of_cut(frame: &Frame, presampled: &[LightRecord], cut: u32) -> u32 {
+    load(presampled, frame.index_of_record(UVec2::new(0, cut))).uv.max(1)
 }
 
 /// The cut of a pixel: that of its block of 8x8 pixels.
@@ -508,7 +515,7 @@ pub fn cut_record(at: UVec2, frame: &Frame, scene: &Scene, lights: &[u32], surfa
             }
         }
     }
-    if at.x < count { cut.cluster(at.x).record() } else { LightRecord::EMPTY }
+    if at.x < count { cut.cluster(at.x).record(count) } else { LightRecord::EMPTY }
 }
 
 /// The cluster of a node: a leaf of the tree over emitters is the root of a mesh.

@@ -311,12 +311,12 @@ pub fn cell_record<const TEXTURES: bool, const SHAPES: bool>(
     LightRecord::new(light, uv, address, pmf, scale, &point).with_fault(fault)
 }
 
-/// The record that candidate `number` of `count` takes from a row: `count` of them evenly apart, from a place on that
+/// The record that candidate `number` of `count` takes from a row of `columns`: `count` of them evenly apart, from a place on that
 /// 32 random bits decide, so that each is any record with the same probability.
 #[inline(always)]
-pub fn column_of(frame: &Frame, start: u32, number: u32, count: u32) -> u32 {
-    let step = number * frame.presampled_columns / count.max(1);
-    (multiply_high(start, frame.presampled_columns) + step) % frame.presampled_columns
+pub fn column_of(columns: u32, start: u32, number: u32, count: u32) -> u32 {
+    let step = number * columns / count.max(1);
+    (multiply_high(start, columns) + step) % columns
 }
 
 #[cfg(test)]
@@ -401,17 +401,16 @@ mod tests {
 
     #[test]
     fn columns_are_evenly_apart_and_each_is_as_likely() {
-        let frame = frame();
         let mut counts = [0; 24];
         for i in 0..48_000 {
             let start = pcg4d(i, 0, 0, 0)[0];
-            let columns = [0, 1, 2, 3].map(|number| column_of(&frame, start, number, 4));
+            let columns = [0, 1, 2, 3].map(|number| column_of(24, start, number, 4));
             columns.iter().for_each(|&column| counts[column as usize] += 1);
             assert!(columns.iter().all(|&column| (column + 24 - columns[0]).is_multiple_of(6)), "{columns:?}");
         }
         // 8,000 each, and five standard deviations.
         assert!(counts.iter().all(|count| (7_560..8_440).contains(count)), "{counts:?}");
-        assert_eq!(column_of(&Frame { presampled_columns: 1, ..frame }, u32::MAX, 7, 9), 0);
+        assert_eq!(column_of(1, u32::MAX, 7, 9), 0);
     }
 
     #[test]

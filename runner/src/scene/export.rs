@@ -1,7 +1,8 @@
 //! Writes a scene as Wavefront OBJ and MTL, with its images and a camera, for other renderers.
 //!
 //! The scene stands still at time 0 (see [`Scene::stop_at`] for another) and its instances become plain triangles in world
-//! space; lights that are no triangles go into a file of their own. Numbers are written with as many digits as reading them back bit by bit takes.
+//! space; lights that are no triangles go into a file of their own. Numbers are written with as many digits as reading
+//! them back bit by bit takes.
 
 mod files;
 mod mtl;

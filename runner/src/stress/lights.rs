@@ -142,7 +142,7 @@ const SOURCES: [&[&str]; 6] = [
     &["candidates.count=1", "candidates.source=tiles", "tiles.count=4", "tiles.size=32"],
     &["candidates.count=1", "candidates.source=cells", "cells.slots=4"],
     &["candidates.count=1", "candidates.source=tree"],
-    &["candidates.count=1", "candidates.source=cuts", "cuts.size=1"],
+    &["candidates.count=1", "candidates.source=cuts"],
 ];
 
 fn few_lights(backend: &Backend<'_>) -> Found {

@@ -4,7 +4,7 @@ use glam::UVec2;
 use weir_shared::{
     frame::Frame,
     light::{Address, light_at},
-    light_cuts::{Cluster, MOST_NODES, cluster_of, cut_of, cut_record, walk},
+    light_cuts::{Cluster, MOST_NODES, cluster_of, cut_of, cut_record, size_of_cut, walk},
     light_tree::{NO_TREE, Reached},
     octahedral,
     presample::LightRecord,
@@ -79,7 +79,8 @@ impl<'a> Block<'a> {
     }
 
     fn cluster_of(&self, light: Address) -> Cluster {
-        cluster_of(&self.frame, &self.view, &self.packed.lights, &self.cut, 0, light)
+        let size = size_of_cut(&self.frame, &self.cut, 0);
+        cluster_of(&self.frame, &self.view, &self.packed.lights, &self.cut, 0, size, light)
     }
 
     /// The probability of each light among those of its cluster.
@@ -102,9 +103,9 @@ fn a_cut_holds_every_light_in_one_of_its_clusters() {
                     let cluster = block.cluster_of(light);
                     assert!(!cluster.is_none(), "{light:?} is in no cluster of {:?}", block.cut);
                     let alone = |other: &Cluster| {
-                        let cut = [other.record()];
+                        let cut = [other.record(1)];
                         let frame = Frame { presampled_columns: 1, ..block.frame };
-                        !cluster_of(&frame, &block.view, &packed.lights, &cut, 0, light).is_none()
+                        !cluster_of(&frame, &block.view, &packed.lights, &cut, 0, 1, light).is_none()
                     };
                     assert_eq!(block.clusters().filter(alone).count(), 1, "{light:?}");
                     format!("{cluster:?}")
@@ -112,6 +113,7 @@ fn a_cut_holds_every_light_in_one_of_its_clusters() {
                 .collect();
             assert_eq!(found.len(), columns.min(most) as usize, "{surface:?}");
             assert_eq!(block.clusters().count(), found.len());
+            assert_eq!(size_of_cut(&block.frame, &block.cut, 0) as usize, found.len());
         }
     }
 }
