@@ -1,4 +1,4 @@
-"""What `weir export --lambert --flat` writes: an OBJ with its MTL, and a camera."""
+"""What `weir export --lambert --flat` writes: an OBJ with its MTL, a camera, and lights that are no triangles."""
 
 import argparse
 import json
@@ -51,6 +51,15 @@ def read_camera(path):
     """origin, target, up, and vfov_deg."""
     with open(path, encoding="utf-8") as file:
         return json.load(file)
+
+
+def read_lights(obj):
+    """The lights that are no triangles: those of `NAME.lights.json` beside `NAME.obj`, if there is one."""
+    path = os.path.splitext(obj)[0] + ".lights.json"
+    if not os.path.exists(path):
+        return []
+    with open(path, encoding="utf-8") as file:
+        return json.load(file)["lights"]
 
 
 def parser(description):

@@ -2,6 +2,9 @@
 
 Every surface is diffuse with Kd or map_Kd and has its geometric normal; emission leaves the front face, as in weir. A
 first picture with one sample, which is not counted, compiles the kernels.
+
+Points, directional lights, spheres and rectangles are Mitsuba's own; spheres and rectangles block rays there, and don't
+in weir. Spots are the same only where both cones are equal: between them Mitsuba's fade linearly with the angle.
 """
 
 import time
@@ -9,6 +12,40 @@ import time
 import numpy as np
 
 import exported
+
+
+def emitter_of(mi, light):
+    """A light of `NAME.lights.json` as Mitsuba's."""
+    strength = {"point": "intensity", "spot": "intensity", "directional": "irradiance"}.get(light["type"], "radiance")
+    color = [c * light[strength] for c in light.get("color", [1.0, 1.0, 1.0])]
+    emission = {strength: {"type": "rgb", "value": color}}
+    area = {"type": "area", **emission}
+    match light["type"]:
+        case "point":
+            return {"type": "point", "position": light["position"], **emission}
+        case "directional":
+            return {"type": "directional", "direction": light["direction"], **emission}
+        case "spot":
+            origin, direction = np.array(light["position"]), np.array(light["direction"])
+            up = np.eye(3)[np.argmin(np.abs(direction))]
+            return {
+                "type": "spot", "cutoff_angle": light["outer_cone_deg"],
+                # Equal cones would divide by zero.
+                "beam_width": min(light.get("inner_cone_deg", 0.0), 0.9999 * light["outer_cone_deg"]),
+                "to_world": mi.ScalarTransform4f().look_at(list(origin), list(origin + direction), list(up)),
+                **emission,
+            }
+        case "sphere":
+            return {"type": "sphere", "center": light["position"], "radius": light["radius"], "emitter": area}
+        case "rectangle":
+            u, v, center = (np.array(light[field]) for field in ("u", "v", "position"))
+            front = np.cross(u, v)
+            front /= np.linalg.norm(front)
+            matrix = np.eye(4)
+            matrix[:3] = np.column_stack([u, v, front, center])
+            return {"type": "rectangle", "to_world": mi.ScalarTransform4f(matrix), "emitter": area}
+        case kind:
+            raise ValueError(f"a light of type {kind}")
 
 
 def scene_of(mi, arguments):
@@ -56,6 +93,8 @@ def scene_of(mi, arguments):
         values["vertex_texcoords"] = uv.ravel()
         values.update()
         scene[f"mesh{number}"] = mesh
+    for number, light in enumerate(exported.read_lights(arguments.obj)):
+        scene[f"light{number}"] = emitter_of(mi, light)
     return mi.load_dict(scene)
 
 
