@@ -3,6 +3,7 @@
 mod bench;
 mod check;
 mod compare;
+mod graph;
 mod info;
 mod open;
 mod pixel;
@@ -17,10 +18,10 @@ use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use weir::{
     exit::{Exit, Usage},
-    render::{RenderError, Stop, facts_of},
+    render::{RenderError, Stop},
     scene::{builtin::BUILTIN, export},
     settings::KNOBS,
-    technique::{Technique, ToneCurve, direct_light},
+    technique::{Technique, ToneCurve},
 };
 
 /// Real-time rendering of scenes with one to millions of lights, by reservoir resampling.
@@ -149,6 +150,16 @@ struct BackendArguments {
     /// Threads on the CPU; 0 takes as many as there are cores
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: usize,
+}
+
+impl BackendArguments {
+    /// Has the CPU compute with as many threads as were asked for.
+    fn use_threads(&self) -> anyhow::Result<()> {
+        if self.threads > 0 {
+            rayon::ThreadPoolBuilder::new().num_threads(self.threads.min(1024)).build_global()?;
+        }
+        Ok(())
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -332,6 +343,14 @@ struct GraphArguments {
     /// In the DOT language of Graphviz
     #[arg(long)]
     dot: bool,
+    /// Then the time and memory of a frame without any rule of `skip.NAME`, with each alone, and with all
+    #[arg(long, conflicts_with = "dot")]
+    costs: bool,
+    /// How often `--costs` takes the time of three frames
+    #[arg(long, value_name = "N", default_value_t = 9, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    turns: u32,
+    #[command(flatten)]
+    backend: BackendArguments,
 }
 
 #[derive(Debug, Args)]
@@ -371,15 +390,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<Exit> {
         Some(Command::Stress(arguments)) => stress::run(arguments),
         Some(Command::Compare(arguments)) => compare::run(arguments),
         Some(Command::Bench(arguments)) => bench::run(arguments),
-        Some(Command::Graph(arguments)) => {
-            let opened = open::open(&arguments.scene)?;
-            let settings = &opened.settings;
-            let facts = facts_of(&opened.packed, arguments.size.width, arguments.size.height, settings);
-            let technique = arguments.integrator.technique().ok_or_else(no_passes)?;
-            let plan = direct_light(technique, settings, &facts, ToneCurve::default(), &["moments", "display"])?;
-            print(&if arguments.dot { plan.to_dot() } else { format!("{plan}\n") })?;
-            Ok(Exit::Ok)
-        }
+        Some(Command::Graph(arguments)) => graph::run(arguments),
         Some(Command::Scenes) => {
             print(&BUILTIN.iter().fold(String::new(), |mut text, scene| {
                 let _ = writeln!(text, "{:<10} {}", scene.name, scene.description);

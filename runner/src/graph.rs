@@ -14,7 +14,10 @@ use thiserror::Error;
 use weir_shader::wiring::{Access, Extent, Feature, Grid, Pass, Variant};
 use weir_shared::frame::{Frame, FramePair};
 
-use crate::exit::{Exit, HasExit};
+use crate::{
+    exit::{Exit, HasExit},
+    skips::FEATURES,
+};
 
 pub use element::Element;
 
@@ -132,6 +135,12 @@ impl Step {
     /// The step as round `round` of a repeated pass.
     pub fn round(self, round: u32) -> Self {
         Self { round, ..self }
+    }
+
+    /// Names of the resources that it writes.
+    pub(crate) fn writes(&self, passes: &'static [Pass]) -> Vec<&'static str> {
+        let bindings = passes.iter().find(|pass| pass.name == self.pass).map_or(&[][..], |pass| pass.bindings);
+        bindings.iter().filter(|b| b.access == Access::Write).map(|b| self.resource_of(b.name)).collect()
     }
 
     /// The resource behind what the pass calls `name`.
@@ -541,6 +550,19 @@ fn cull(
 }
 
 impl Plan {
+    /// What is left out, and why: steps, then code that passes would have for what the scene lacks.
+    pub fn left_out(&self) -> Vec<(&'static str, String)> {
+        let steps = self.culled.iter().map(|(pass, why)| (*pass, why.to_string()));
+        let is_absent = |feature: &Feature| !self.facts.features.contains(feature);
+        let code = FEATURES.into_iter().filter(is_absent).map(|feature| match feature {
+            Feature::TEXTURES => ("code: images", "no material has any"),
+            Feature::ENVIRONMENT => ("code: other lights", "all that emits is triangles"),
+            Feature::INSTANCES => ("code: instances", "there is one, in place"),
+            Feature::SPECULAR => ("code: gloss", "every material is Lambert's"),
+        });
+        steps.chain(code.map(|(what, why)| (what, why.to_owned()))).collect()
+    }
+
     /// Names of the passes that run, in order.
     pub fn pass_names(&self) -> Vec<&'static str> {
         self.steps.iter().map(|s| s.pass.name).collect()

@@ -16,6 +16,7 @@ pub mod scene;
 pub mod sequence;
 pub mod settings;
 pub mod shaders;
+pub mod skips;
 pub mod stress;
 pub mod technique;
 #[cfg(feature = "window")]

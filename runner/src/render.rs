@@ -21,6 +21,7 @@ use crate::{
     scene::Camera,
     sequence::Sequence,
     settings::Settings,
+    skips::Rule,
     technique::{Technique, ToneCurve, direct_light},
 };
 
@@ -185,6 +186,17 @@ fn records_of(packed: &PackedScene, width: u32, height: u32, settings: &Settings
     if packed.has().contains(&need) { settings.records(width, height) } else { [1; 2] }
 }
 
+/// What steps may need, as the plan is told: with the rule for what is absent off, lights of all kinds. Trees for cuts are
+/// memory that is there or not.
+fn has_of(packed: &PackedScene, settings: &Settings) -> Vec<Need> {
+    let mut has = packed.has();
+    if !settings.skips.is_on(Rule::Absent) {
+        let absent = [Need::Lights, Need::EmissiveTriangles].into_iter().filter(|need| !packed.has().contains(need));
+        has.extend(absent);
+    }
+    has
+}
+
 /// What the plan of a request depends on.
 pub fn facts_of(packed: &PackedScene, width: u32, height: u32, settings: &Settings) -> Facts {
     Facts {
@@ -193,8 +205,8 @@ pub fn facts_of(packed: &PackedScene, width: u32, height: u32, settings: &Settin
         reservoirs: settings.reservoirs,
         candidates: settings.candidates_in_memory(),
         records: records_of(packed, width, height, settings),
-        has: packed.has(),
-        features: packed.features.clone(),
+        has: has_of(packed, settings),
+        features: settings.skips.features(&packed.features),
     }
 }
 

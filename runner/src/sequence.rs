@@ -9,6 +9,7 @@ use crate::{
     render::{Request, frame_of},
     scene::Camera,
     settings::Settings,
+    skips::Rule,
 };
 
 /// What a frame of a sequence shows, and from where.
@@ -72,7 +73,12 @@ impl<S: BorrowMut<PackedScene>> Sequence<S> {
     /// # Errors
     /// As [`PackedScene::advance`].
     pub fn next(&mut self, shot: &Shot) -> Result<(FramePair, Vec<Changed>), PackError> {
-        let changed = self.packed.borrow_mut().advance(&shot.moment)?;
+        let packed = self.packed.borrow_mut();
+        let changed = if self.request.settings.skips.is_on(Rule::Updates) {
+            packed.advance(&shot.moment)?
+        } else {
+            packed.show_anew(&shot.moment)?
+        };
         let request = Request { camera: shot.camera, ..self.request.clone() };
         let has_history = u32::from(self.last.is_some());
         let now = Frame { index: self.index, has_history, ..frame_of(self.packed(), &request) };

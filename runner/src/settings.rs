@@ -13,7 +13,10 @@ use weir_shared::{
     reuse::probe,
 };
 
-use crate::exit::{Exit, HasExit};
+use crate::{
+    exit::{Exit, HasExit},
+    skips::Skips,
+};
 
 pub use knobs::{KNOBS, Knob};
 pub use preset::Preset;
@@ -104,6 +107,7 @@ pub struct Settings {
     pub path_length: u32,
     pub time_s: f32,
     pub time_step_s: f32,
+    pub skips: Skips,
 }
 
 impl Default for Settings {

@@ -14,8 +14,9 @@ use weir_shared::{
 };
 
 use crate::{
-    graph::{Facts, GraphError, Life, Need, Plan, Resource, Step, plan, step},
+    graph::{Culled, Facts, GraphError, Life, Need, Plan, Resource, Step, plan, step},
     settings::{Rays, Settings},
+    skips::Rule,
 };
 
 /// Most rounds of spatial reuse in a frame.
@@ -284,7 +285,16 @@ pub fn direct_light_with(
     curve: ToneCurve,
     outputs: &[&'static str],
 ) -> Result<Plan, GraphError> {
-    plan(&steps(technique, settings, curve), passes, RESOURCES, facts, outputs)
+    let steps = steps(technique, settings, curve);
+    if settings.skips.is_on(Rule::Unread) {
+        return plan(&steps, passes, RESOURCES, facts, outputs);
+    }
+    // Everything that a step writes is wanted.
+    let whole = plan(&steps, passes, RESOURCES, facts, outputs)?;
+    let unread = whole.culled.iter().filter(|(_, why)| *why == Culled::NothingReadsIt).map(|(pass, _)| *pass);
+    let unread: Vec<&str> = unread.collect();
+    let all = steps.iter().filter(|step| unread.contains(&step.pass)).flat_map(|step| step.writes(passes));
+    plan(&steps, passes, RESOURCES, facts, &outputs.iter().copied().chain(all).collect::<Vec<_>>())
 }
 
 #[cfg(test)]

@@ -340,6 +340,7 @@ fn commands_that_inform_print_to_stdout() {
         ("info", ["CPU: ", "GPU"]),
         ("graph cornell", ["primary", "candidates"]),
         ("graph cornell --dot", ["digraph", "primary"]),
+        ("graph cornell --costs --turns 1 --size 16x9 --backend cpu", ["all off", "textures alone"]),
         ("--help", ["candidates.count", "path.length"]),
         ("render --help", ["candidates.source", "scene.time"]),
     ] {

@@ -166,6 +166,19 @@ fn cases() -> Vec<Case> {
             ],
         ),
         of_variety(Technique::Candidates, &["candidates.source=tree", "candidates.count=2"]),
+        Case::new(
+            &scenes::cornell(),
+            Technique::RealTime,
+            &[
+                "skip.absent=off",
+                "skip.unread=off",
+                "skip.textures=off",
+                "skip.environment=off",
+                "skip.instances=off",
+                "skip.specular=off",
+                "skip.updates=off",
+            ],
+        ),
         of_variety(
             Technique::Candidates,
             &["candidates.source=cuts", "candidates.count=4", "candidates.tree=1", "reservoirs.choice=inversion"],

@@ -146,9 +146,7 @@ fn plan_of(arguments: &BenchArguments, deadline: Option<Instant>) -> anyhow::Res
             Usage(format!("--reference is of one scene, and there are {}; name it with --scene", names.len())).into()
         );
     }
-    if arguments.backend.threads > 0 {
-        rayon::ThreadPoolBuilder::new().num_threads(arguments.backend.threads.min(1024)).build_global()?;
-    }
+    arguments.backend.use_threads()?;
     let scenes = names.iter().map(|name| target_of(name, arguments)).collect::<anyhow::Result<_>>()?;
     let Size { width, height } = arguments.size;
     Ok(Plan {

@@ -89,9 +89,7 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
     if !(arguments.exposure > 0.0 && arguments.exposure.is_finite()) {
         return Err(Usage(format!("--exposure takes a number above 0, not {}", arguments.exposure)).into());
     }
-    if arguments.backend.threads > 0 {
-        rayon::ThreadPoolBuilder::new().num_threads(arguments.backend.threads.min(1024)).build_global()?;
-    }
+    arguments.backend.use_threads()?;
     let mut budget = budget_of(arguments)?;
     let mut opened = open::open(&arguments.scene)?;
     if let Some(budget) = &mut budget {

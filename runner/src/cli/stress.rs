@@ -25,9 +25,7 @@ pub fn run(arguments: &StressArguments) -> anyhow::Result<Exit> {
         Some(text) => text.parse()?,
         None => AdapterChoice::Best,
     };
-    if arguments.backend.threads > 0 {
-        rayon::ThreadPoolBuilder::new().num_threads(arguments.backend.threads.min(1024)).build_global()?;
-    }
+    arguments.backend.use_threads()?;
     let gpu = match arguments.backend.backend {
         BackendChoice::Cpu => Err(String::new()),
         BackendChoice::Gpu => Ok(Gpu::open(&choice)?),

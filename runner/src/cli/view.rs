@@ -67,9 +67,7 @@ pub fn run(arguments: &ViewArguments) -> anyhow::Result<Exit> {
     if arguments.scale.is_some_and(|scale| !(0.1..=2.0).contains(&scale)) {
         return Err(Usage(String::from("--scale takes 0.1 to 2")).into());
     }
-    if arguments.backend.threads > 0 {
-        rayon::ThreadPoolBuilder::new().num_threads(arguments.backend.threads.min(1024)).build_global()?;
-    }
+    arguments.backend.use_threads()?;
     let mut state = State::new(open::choice_of(&arguments.scene), weir::settings::Settings::default());
     // What was saved, then what the command line says.
     if let Ok(path) = stored::path()

@@ -40,8 +40,8 @@ impl Display for Plan {
                 writeln!(f, "      binds {} buffers; WebGPU promises {PORTABLE_BUFFERS}", step.pass.bindings.len())?;
             }
         }
-        for (pass, reason) in &self.culled {
-            writeln!(f, " -  {pass:<18} left out: {reason}")?;
+        for (what, reason) in self.left_out() {
+            writeln!(f, " -  {what:<18} left out: {reason}")?;
         }
         for (i, bytes) in self.pool.iter().enumerate() {
             writeln!(f, "pool {i}: {:.1} MiB", mebibytes(*bytes))?;

@@ -164,9 +164,14 @@ impl PackedScene {
         let same = self.dynamics.shown.as_ref().is_some_and(|shown| {
             shown == moment || (!self.moves() && Moment { time_s: moment.time_s, ..shown.clone() } == *moment)
         });
-        if same {
-            return Ok(Vec::new());
-        }
+        if same { Ok(Vec::new()) } else { self.show_anew(moment) }
+    }
+
+    /// [`PackedScene::advance`], even to the moment that is shown already.
+    ///
+    /// # Errors
+    /// As [`PackedScene::advance`].
+    pub fn show_anew(&mut self, moment: &Moment) -> Result<Vec<Changed>, PackError> {
         self.show(moment)?;
         let (records, rows) = (self.dynamics.capacity.record_words() * 4, self.dynamics.top.capacity_rows() * 16);
         let first_node = self.dynamics.top.first_row * 16 + self.dynamics.half * rows;

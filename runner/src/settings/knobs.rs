@@ -8,7 +8,7 @@ use weir_shared::{
 };
 
 use super::{Preset, Rays, Settings};
-use crate::technique::MAX_ROUNDS;
+use crate::{skips::Rule, technique::MAX_ROUNDS};
 
 /// A knob.
 pub struct Knob {
@@ -70,8 +70,8 @@ fn text(value: impl Display) -> String {
 
 /// `settings` with everything that `preset` decides.
 fn with_preset(settings: &Settings, preset: Preset) -> Settings {
-    let Settings { jitter, path_length, time_s, time_step_s, .. } = *settings;
-    Settings { jitter, path_length, time_s, time_step_s, ..preset.settings() }
+    let Settings { jitter, path_length, time_s, time_step_s, skips, .. } = *settings;
+    Settings { jitter, path_length, time_s, time_step_s, skips, ..preset.settings() }
 }
 
 const SOURCES: &[(&str, u32)] = &[
@@ -110,6 +110,26 @@ const RULES: &[(&str, u32)] = &[("disk", rule::DISK), ("compatible", rule::COMPA
 const OCCLUSIONS: &[(&str, u32)] = &[("none", occlusion::NONE), ("screen", occlusion::SCREEN)];
 const LATTICES: &[(&str, u32)] =
     &[("full", lattice::FULL), ("checkerboard", lattice::CHECKERBOARD), ("half", lattice::HALF)];
+
+/// The switch of a rule that leaves work out.
+macro_rules! skip {
+    ($name:literal, $rule:ident, $what:literal) => {
+        Knob {
+            key: concat!("skip.", $name),
+            values: "on or off",
+            help: concat!($what, ". on: left out; off: done all the same, to see what that costs"),
+            set: |s, text| {
+                let mut on = true;
+                let known = named(&mut on, text, SWITCH);
+                if known {
+                    s.skips = s.skips.with(Rule::$rule, on);
+                }
+                known
+            },
+            get: |s| name_of(s.skips.is_on(Rule::$rule), SWITCH),
+        }
+    };
+}
 
 /// Every knob there is.
 pub const KNOBS: &[Knob] = &[
@@ -450,4 +470,11 @@ pub const KNOBS: &[Knob] = &[
         set: |s, text| number(&mut s.time_step_s, text, 0.0, 1000.0),
         get: |s| text(s.time_step_s),
     },
+    skip!("absent", Absent, "passes for lights or emitters, where the scene has none"),
+    skip!("unread", Unread, "passes whose results nothing reads, and their memory"),
+    skip!("textures", Textures, "code for images and alpha masks, where no material has any"),
+    skip!("environment", Environment, "code for lights other than triangles, where there are none"),
+    skip!("instances", Instances, "code for the space of instances, where there is one, in place"),
+    skip!("specular", Specular, "code for specular lobes, where every material is Lambert's"),
+    skip!("updates", Updates, "light tables, trees and uploads for a frame that shows the moment of the last"),
 ];

@@ -3,6 +3,7 @@
 use weir_shared::{light::source, merge::form, resample::choice, reuse::lattice, reuse::rule, target::occlusion};
 
 use super::{Rays, Settings};
+use crate::skips::Skips;
 
 /// Settings that go together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,6 +72,7 @@ impl Preset {
             path_length: 1,
             time_s: 0.0,
             time_step_s: 1.0 / 60.0,
+            skips: Skips::default(),
         };
         match self {
             Self::Balanced => balanced,

@@ -134,7 +134,7 @@ fn schedule(plan: &Plan) -> Schedule {
     };
     Schedule {
         steps: plan.steps.iter().map(scheduled).collect(),
-        left_out: plan.culled.iter().map(|(pass, why)| (*pass, why.to_string())).collect(),
+        left_out: plan.left_out(),
         frame_bytes: plan.frame_bytes(),
     }
 }

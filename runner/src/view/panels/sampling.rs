@@ -37,6 +37,7 @@ fn title(prefix: &str) -> &'static str {
         "still" => "Reuse in space, in stills",
         "target" => "Target",
         "rays" | "shade" => "Rays and shading",
+        "skip" => "What is left out",
         "camera" | "path" | "scene" => "Camera, reference and scene",
         _ => "",
     }
