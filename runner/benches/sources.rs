@@ -17,7 +17,7 @@ use weir::{
     bench::lights::with_lights,
     executor::cpu::CpuExecutor,
     graph::Plan,
-    packed::{LightCost, LightCosts, Moment, PackOptions, PackedScene},
+    packed::{LightCost, LightCosts, Moment, PackOptions, PackedScene, TreeUpdate},
     render::{Request, facts_of, frame_of},
     scene::{
         Camera, Scene, builtin, camera,
@@ -106,10 +106,13 @@ fn costs(name: &str, scene: &Scene, camera: Camera) -> Result<(), Failure> {
     let mut packed = packed(scene)?;
     let lights = f64::from(packed.frame.light_count);
     let mut updates = Vec::new();
-    // The time that an update takes is known for scenes that move, and for all from packing.
+    let mut refits = Vec::new();
     for i in 0..FRAMES {
-        packed.set_time(i as f32 / 60.0)?;
-        updates.push(packed.light_costs);
+        for (update, found) in [(TreeUpdate::Rebuild, &mut updates), (TreeUpdate::Refit, &mut refits)] {
+            packed.tree_update = update;
+            packed.show_anew(&Moment { time_s: i as f32 / 60.0, ..Moment::default() })?;
+            found.push(packed.light_costs);
+        }
     }
     let update = |source: &str| median_ms(updates.iter().map(|costs| structure(source, costs).update));
     let mut all = Vec::new();
@@ -122,6 +125,7 @@ fn costs(name: &str, scene: &Scene, camera: Camera) -> Result<(), Failure> {
     println!("\n{name}, {lights} emissive triangles, {} emitters", packed.frame.emitter_count);
     println!("| source | build, ms | update, ms | bytes a light | drawn ahead, ms a frame | ns a sample |");
     println!("|---|---|---|---|---|---|");
+    let refit = median_ms(refits.iter().map(|costs| costs.tree.update));
     for ris in &all {
         let cost = structure(ris.source, &packed.light_costs);
         let records = u64::from(ris.frame.presampled_columns) * u64::from(ris.frame.presampled_rows);
@@ -137,6 +141,7 @@ fn costs(name: &str, scene: &Scene, camera: Camera) -> Result<(), Failure> {
             ris.pass_ms("candidates") * 1e6 / samples,
         );
     }
+    println!("update of the tree by refitting: {refit:.2} ms");
     Ok(())
 }
 

@@ -31,8 +31,8 @@ use crate::{
     settings::Settings,
 };
 use geometry::PackedMesh;
-pub use moment::Moment;
 use moment::{Dynamics, MeshStart};
+pub use moment::{Moment, TreeUpdate};
 use origin::Origin;
 use top_level::TopLevel;
 
@@ -95,6 +95,8 @@ pub struct PackedScene {
     pub origin: Vec3,
     /// What it has cost to build what lights are chosen by.
     pub light_costs: LightCosts,
+    /// What becomes of the light tree at the next moment.
+    pub tree_update: TreeUpdate,
     origins: Origin,
     dynamics: Dynamics,
 }
@@ -306,6 +308,7 @@ impl PackedScene {
             bounds: [Vec3::ZERO; 2],
             origin: origins.of_scene,
             light_costs,
+            tree_update: TreeUpdate::default(),
             origins,
             dynamics: Dynamics::new(top, starts, capacity, options.dynamic, has_lights),
         };

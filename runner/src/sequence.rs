@@ -74,6 +74,7 @@ impl<S: BorrowMut<PackedScene>> Sequence<S> {
     /// As [`PackedScene::advance`].
     pub fn next(&mut self, shot: &Shot) -> Result<(FramePair, Vec<Changed>), PackError> {
         let packed = self.packed.borrow_mut();
+        packed.tree_update = self.request.settings.tree_update;
         let changed = if self.request.settings.skips.is_on(Rule::Updates) {
             packed.advance(&shot.moment)?
         } else {

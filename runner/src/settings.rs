@@ -15,6 +15,7 @@ use weir_shared::{
 
 use crate::{
     exit::{Exit, HasExit},
+    packed::TreeUpdate,
     skips::Skips,
 };
 
@@ -73,6 +74,7 @@ pub struct Settings {
     pub candidates: u32,
     pub source: u32,
     pub candidates_tree: u32,
+    pub tree_update: TreeUpdate,
     pub tile_count: u32,
     pub tile_size: u32,
     pub cell_size: f32,

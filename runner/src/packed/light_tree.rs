@@ -197,6 +197,30 @@ pub(super) fn build(lights: &[LightBounds]) -> (Vec<u32>, LightBounds) {
     (words, tree.bounds)
 }
 
+/// Fits the nodes of a tree, `words` as [`build`] makes them, to what its lights have become: as many, in the same places of
+/// the tree. What a walk may do is as exact as in a new tree; how well it chooses depends on how far lights have moved from
+/// each other. Lights that are as they were leave every word as it was.
+pub(super) fn refit(words: &mut [u32], lights: &[LightBounds]) {
+    let total: f64 = lights.iter().map(|l| l.power).sum();
+    let Some((_, nodes)) = words.split_at_mut_checked(lights.len()) else { return };
+    let (width, stride) = (WIDTH as usize, NODE_WORDS as usize);
+    let count = nodes.len() / stride;
+    let mut bounds = vec![LightBounds::NONE; count];
+    // Children come after their node.
+    for (number, node) in nodes.chunks_exact_mut(stride).enumerate().rev() {
+        for child in 0..width {
+            let link = node[node_field::LINK as usize * width + child];
+            // Of a child that is not there.
+            if link == 0 {
+                break;
+            }
+            let below = if link & LEAF != 0 { lights[(link & !LEAF) as usize] } else { bounds[link as usize] };
+            below.write(total, link, node, child);
+            bounds[number] = bounds[number].union(&below);
+        }
+    }
+}
+
 /// Nodes over some lights, the root first, with links counted from it.
 struct Subtree {
     bounds: LightBounds,

@@ -21,6 +21,16 @@ use super::{
 };
 use crate::scene::Scene;
 
+/// What becomes of the light tree over emitters from one moment to the next.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum TreeUpdate {
+    /// It is built anew.
+    #[default]
+    Rebuild,
+    /// While the same instances are drawn, its nodes are fitted to where they are; which belong together stays.
+    Refit,
+}
+
 /// What the scene shows at one moment.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Moment {
@@ -108,6 +118,8 @@ pub(super) struct Dynamics {
     shown: Option<Moment>,
     /// The scene's instance behind each of its own.
     drawn: Vec<u32>,
+    /// Words of the light tree over emitters.
+    tree_words: usize,
     pub(super) is_dynamic: bool,
     pub(super) has_lights: bool,
 }
@@ -120,7 +132,13 @@ impl Dynamics {
         is_dynamic: bool,
         has_lights: bool,
     ) -> Self {
-        Self { top, starts, capacity, half: 1, shown: None, drawn: Vec::new(), is_dynamic, has_lights }
+        Self { top, starts, capacity, half: 1, shown: None, drawn: Vec::new(), tree_words: 0, is_dynamic, has_lights }
+    }
+
+    /// Words of the light tree over emitters.
+    #[cfg(test)]
+    pub(super) fn tree_words(&self) -> usize {
+        self.tree_words
     }
 
     /// Whether any instance is a shape.
@@ -254,9 +272,14 @@ impl PackedScene {
         self.lights[..table.len()].copy_from_slice(&table);
         self.light_costs.table.update = start.elapsed();
         let start = Instant::now();
-        let (tree, _) = light_tree::build(&bounds);
         let tree_at = capacity.table_words();
-        self.lights[tree_at..][..tree.len()].copy_from_slice(&tree);
+        if self.tree_update == TreeUpdate::Refit && self.dynamics.shown.is_some() && drawn == self.dynamics.drawn {
+            light_tree::refit(&mut self.lights[tree_at..][..self.dynamics.tree_words], &bounds);
+        } else {
+            let (tree, _) = light_tree::build(&bounds);
+            self.lights[tree_at..][..tree.len()].copy_from_slice(&tree);
+            self.dynamics.tree_words = tree.len();
+        }
         self.light_costs.tree.update = start.elapsed();
         let cuts_at = tree_at + capacity.tree_words();
         if capacity.has_cuts {

@@ -8,7 +8,7 @@ use weir_shared::{
 };
 
 use super::{Preset, Rays, Settings};
-use crate::{skips::Rule, technique::MAX_ROUNDS};
+use crate::{packed::TreeUpdate, skips::Rule, technique::MAX_ROUNDS};
 
 /// A knob.
 pub struct Knob {
@@ -82,6 +82,7 @@ const SOURCES: &[(&str, u32)] = &[
     ("tree", source::TREE),
     ("cuts", source::CUTS),
 ];
+const TREE_UPDATES: &[(&str, TreeUpdate)] = &[("rebuild", TreeUpdate::Rebuild), ("refit", TreeUpdate::Refit)];
 const SWITCH: &[(&str, bool)] = &[("on", true), ("off", false)];
 const CHOICES: &[(&str, u32)] = &[
     ("threshold", choice::THRESHOLD),
@@ -181,6 +182,15 @@ pub const KNOBS: &[Knob] = &[
                less: faster frames",
         set: |s, text| number(&mut s.candidates_tree, text, 0, 256),
         get: |s| text(s.candidates_tree),
+    },
+    Knob {
+        key: "candidates.tree_update",
+        values: "rebuild or refit",
+        help: "what becomes of that tree's upper level when instances move. rebuild: built anew for each frame, the best \
+               choice of lights; refit: nodes are fitted to where their lights are now, in a fraction of that time, but \
+               which lights they hold together stays as it was, until instances come or go",
+        set: |s, text| named(&mut s.tree_update, text, TREE_UPDATES),
+        get: |s| name_of(s.tree_update, TREE_UPDATES),
     },
     Knob {
         key: "candidates.bsdf",

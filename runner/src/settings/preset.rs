@@ -3,7 +3,7 @@
 use weir_shared::{light::source, merge::form, resample::choice, reuse::lattice, reuse::rule, target::occlusion};
 
 use super::{Rays, Settings};
-use crate::skips::Skips;
+use crate::{packed::TreeUpdate, skips::Skips};
 
 /// Settings that go together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +38,7 @@ impl Preset {
             candidates: 4,
             source: source::POWER,
             candidates_tree: 3,
+            tree_update: TreeUpdate::Rebuild,
             tile_count: 128,
             tile_size: 1024,
             cell_size: 0.02,

@@ -227,7 +227,7 @@ const CHAIN_VARIANTS: &[&[&str]] = &[
     // Neighbours share the lights that were drawn ahead.
     &["rays=balanced", "candidates.source=tiles", "candidates.tree=0", "tiles.count=2", "tiles.size=8"],
     &["rays=balanced", "candidates.source=cells", "candidates.tree=0", "cells.slots=2", "cells.candidates=2"],
-    &["rays=balanced", "candidates.source=tree"],
+    &["rays=balanced", "candidates.source=tree", "candidates.tree_update=refit"],
     &["rays=balanced", "candidates.source=cuts", "candidates.tree=1"],
     &["rays=balanced", "reservoirs.choice=inversion"],
     // Spatial reuse after reuse in time. 20,480 chains of the last of these three are within +0.005 % +- 0.057 %.

@@ -11,7 +11,7 @@ use weir_shared::{
 
 use super::*;
 use crate::{
-    packed::{Moment, PackOptions, PackedScene},
+    packed::{Moment, PackOptions, PackedScene, TreeUpdate},
     scene::{Instance, Material, Mesh, Motion, Scene},
 };
 
@@ -567,4 +567,71 @@ fn trees_and_tables_of_all_meshes_fit_a_storage_binding() {
     let words = build(&lights).0.len() + count * weir_shared::alias::ENTRY_WORDS as usize;
     println!("{} bytes a light", words * 4 / count);
     assert!(words * 4 * 8 < 128 << 20, "{words} words for {count} lights");
+}
+
+/// Instances turned, moved and scaled, each in its own way; one of them dimmed.
+fn elsewhere(scene: &Scene) -> Moment {
+    let placed = (0..).zip(&scene.instances).map(|(i, instance)| {
+        let turn = Quat::from_axis_angle(direction(i, 70), 1.5 * signed(i, 71)[1]);
+        let scale = Vec3::splat(1.0 + 0.5 * signed(i, 72)[2]);
+        let there = Mat4::from_scale_rotation_translation(scale, turn, vector(i, 73) * 4.0);
+        (i, there * instance.world_from_object)
+    });
+    Moment { placed: placed.collect(), emission: vec![(4, Vec3::splat(0.01))], ..Moment::default() }
+}
+
+#[test]
+fn a_tree_fitted_to_lights_that_have_not_changed_is_the_tree_as_it_was() {
+    for count in [1, 2, 7, 8, 9, 64, 65, 1_000] {
+        let lights: Vec<LightBounds> = (0..count)
+            .map(|i| {
+                let dark = if i % 7 == 3 { 0.0 } else { 1.0 };
+                let normal = (i % 3 > 0).then(|| direction(i, 61));
+                let at = vector(i, 60) * 5.0;
+                LightBounds::around([at, at + vector(i, 62).abs()], normal, f64::from(dark * (1.0 + i as f32)))
+            })
+            .collect();
+        let (built, _) = build(&lights);
+        let mut fitted = built.clone();
+        refit(&mut fitted, &lights);
+        assert_eq!(fitted, built, "{count}");
+        // From what is no longer true, the same.
+        let others: Vec<LightBounds> = (0..count).map(|i| light(vector(i, 63), 0.1, 1.0)).collect();
+        refit(&mut fitted, &others);
+        assert!(count == 1 || fitted != built, "{count}");
+        refit(&mut fitted, &lights);
+        assert_eq!(fitted, built, "{count}");
+    }
+}
+
+#[test]
+fn a_tree_fitted_to_where_lights_have_gone_is_walked_as_reported_and_reaches_all() {
+    for uneven in [false, true] {
+        for scene in [two_levels(uneven), facing_one_way(uneven)] {
+            let moment = elsewhere(&scene);
+            let mut packed = packed_within(&scene, 1_000);
+            packed.tree_update = TreeUpdate::Refit;
+            let tree_at = packed.frame.light_tree_at as usize;
+            let before = packed.lights[tree_at..].to_vec();
+            packed.advance(&moment).expect("a moment");
+            let anew = PackedScene::with(&scene, &moment, PackOptions::default()).expect("packs");
+            assert_ne!(packed.lights[tree_at..], before, "fitted");
+            assert_ne!(packed.lights[tree_at..], anew.lights[tree_at..], "not built anew");
+            for surface in surfaces(6) {
+                let claimed = pmfs(&packed, surface.0, surface.1);
+                assert!(claimed.iter().sum::<f64>() <= 1.0 + 1e-5);
+                let misfit = misfit_of_walks(&packed, surface, &claimed);
+                assert!(misfit < 1.0, "{surface:?}: {misfit}");
+            }
+            let (missed, looked_at) = unreachable(&packed);
+            assert!(missed == 0 && looked_at > 1_000, "{missed} of {looked_at}");
+
+            // Others are drawn: what belongs together is asked again.
+            let fewer = Moment { drawn: Some(vec![0, 1, 2, 5]), ..moment };
+            packed.advance(&fewer).expect("a moment");
+            let anew = PackedScene::with(&scene, &fewer, PackOptions::default()).expect("packs");
+            let nodes = packed.dynamics.tree_words();
+            assert_eq!(packed.lights[tree_at..][..nodes], anew.lights[tree_at..][..nodes]);
+        }
+    }
 }
