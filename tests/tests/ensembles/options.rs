@@ -62,12 +62,18 @@ fn candidates(scenario: &Scenario, seed: u32, knobs: &[&str]) -> [Vec<Reservoir>
     found
 }
 
-/// Every value of every named knob draws a picture of its own.
+/// Whether a knob is to draw the same whatever its value: rules that leave work out, which are compared bit by bit elsewhere,
+/// and what becomes of the light tree where nothing moves.
+fn is_idle(key: &str) -> bool {
+    key.starts_with("skip.") || key == "candidates.tree_update"
+}
+
+/// Every value of every other named knob draws a picture of its own.
 #[test]
 fn no_named_knob_is_without_effect() {
     let (wall, low_wall) = (scenarios::half_shadowed(), scenarios::low_wall());
     let mut tried = 0;
-    for knob in KNOBS.iter().filter(|k| k.values.contains(" or ") && k.values != "0 or 1") {
+    for knob in KNOBS.iter().filter(|k| k.values.contains(" or ") && k.values != "0 or 1" && !is_idle(k.key)) {
         let beside: &[&str] = match knob.key {
             "reuse.mis" => &["rays=speed"],
             "shade.sum" => &["rays=quality"],
