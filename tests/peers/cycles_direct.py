@@ -118,7 +118,7 @@ def seconds_of(scene, samples):
 def main():
     arguments = exported.parser(__doc__).parse_args()
     if exported.read_lights(arguments.obj):
-        sys.exit("lights that are no triangles are not drawn by Cycles here; mitsuba_direct.py draws them")
+        raise SystemExit("lights that are no triangles are not drawn by Cycles here; mitsuba_direct.py draws them")
     if arguments.spp < 2:
         raise SystemExit("--spp takes 2 or more: the time is that of all samples but one")
 

@@ -16,7 +16,7 @@ use super::{
 };
 use crate::{
     packed::Moment,
-    render::Backend,
+    render::{Backend, RenderError},
     scene::{DistantLight, Environment, Material, Shape, Texture, lights},
     sequence::Shot,
     technique::Technique,
@@ -180,13 +180,26 @@ fn few_lights(backend: &Backend<'_>) -> Found {
 
     let mut stage = Stage::floor();
     stage.lamp(Vec3::new(-0.5, 2.0, -0.5), Vec3::X, Vec3::Z, shining(4.0));
-    for knobs in SOURCES {
-        // Fewer candidates than triangles of the one lamp: none are enumerated.
-        let (still, formula) = stage.measured(backend, Technique::Still, knobs, 32)?;
-        let (agrees, text) = still.total().agrees(&formula, 0.03);
-        findings.push(still.finding(agrees, format!("one lamp {text}")));
-    }
+    // Fewer candidates than triangles of the one lamp: none are enumerated.
+    findings.extend(by_each(&SOURCES, &stage, backend, 32, 0.03)?);
     Ok(Finding::all(findings))
+}
+
+/// Whether the mean of `frames` frames of a still is that of the formula, to a share of `margin`, with each of some sets of
+/// knobs.
+fn by_each(
+    sets: &[&[&str]],
+    stage: &Stage,
+    backend: &Backend<'_>,
+    frames: u32,
+    margin: f64,
+) -> Result<Vec<Finding>, RenderError> {
+    let judge = |knobs: &&[&str]| {
+        let (still, formula) = stage.measured(backend, Technique::Still, knobs, frames)?;
+        let (agrees, text) = still.total().agrees(&formula, margin);
+        Ok(still.finding(agrees, format!("{} {text}", knobs.join(" "))))
+    };
+    sets.iter().map(judge).collect()
 }
 
 /// Twenty lamps with a millionth of the power between them, and one with the rest.
@@ -197,13 +210,7 @@ fn dominated(backend: &Backend<'_>) -> Found {
         let corner = Vec3::new(-1.0 + 0.1 * i as f32, 1.0 + 0.05 * (i % 4) as f32, 0.8);
         stage.lamp(corner, Vec3::X * 0.05, Vec3::Z * 0.05, shining(40.0));
     }
-    let mut findings = Vec::new();
-    for knobs in SOURCES {
-        let (still, formula) = stage.measured(backend, Technique::Still, knobs, 128)?;
-        let (agrees, text) = still.total().agrees(&formula, 0.1);
-        findings.push(still.finding(agrees, format!("{} {text}", knobs.get(1).unwrap_or(&"default"))));
-    }
-    Ok(Finding::all(findings))
+    Ok(Finding::all(by_each(&SOURCES, &stage, backend, 128, 0.1)?))
 }
 
 fn all_off(backend: &Backend<'_>) -> Found {
@@ -253,13 +260,8 @@ fn weak_but_near(backend: &Backend<'_>) -> Found {
     // Facing up: all of its power is lost. Power 1e12 times that of the other.
     stage.panel(Vec3::new(-5.0, 30.0, 5.0), Vec3::X * 10.0, Vec3::NEG_Z * 10.0, shining(1e10));
     stage.lamp(Vec3::new(0.5, 0.05, -0.5), Vec3::Z, Vec3::Y * 0.01, shining(1.0));
-    let mut findings = Vec::new();
-    for knobs in [&[] as &[&str], &["candidates.count=32", "candidates.tree=16"]] {
-        let (still, formula) = stage.measured(backend, Technique::Still, knobs, 256)?;
-        let (agrees, text) = still.total().agrees(&formula, 0.1);
-        findings.push(still.finding(agrees, text));
-    }
-    Ok(Finding::all(findings))
+    let sets = [&[] as &[&str], &["candidates.count=32", "candidates.tree=16"]];
+    Ok(Finding::all(by_each(&sets, &stage, backend, 256, 0.1)?))
 }
 
 fn degenerate_lamps(backend: &Backend<'_>) -> Found {
@@ -269,13 +271,8 @@ fn degenerate_lamps(backend: &Backend<'_>) -> Found {
     for (a, b) in [(Vec3::X, Vec3::X), (Vec3::ZERO, Vec3::Z), (Vec3::ZERO, Vec3::ZERO), (Vec3::X, Vec3::X * 2.0)] {
         stage.panel(Vec3::new(0.1, 1.5, 0.1), a, b, lamp.clone());
     }
-    let mut findings = Vec::new();
-    for knobs in iter::once(&[] as &[&str]).chain(SOURCES) {
-        let (still, formula) = stage.measured(backend, Technique::Still, knobs, 32)?;
-        let (agrees, text) = still.total().agrees(&formula, 0.03);
-        findings.push(still.finding(agrees, text));
-    }
-    Ok(Finding::all(findings))
+    let sets: Vec<&[&str]> = iter::once(&[] as &[&str]).chain(SOURCES).collect();
+    Ok(Finding::all(by_each(&sets, &stage, backend, 32, 0.03)?))
 }
 
 fn lamp_in_the_floor(backend: &Backend<'_>) -> Found {
