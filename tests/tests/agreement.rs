@@ -165,7 +165,10 @@ fn cases() -> Vec<Case> {
                 "cells.slots=3",
             ],
         ),
-        of_variety(Technique::Candidates, &["candidates.source=tree", "candidates.count=2"]),
+        of_variety(
+            Technique::Candidates,
+            &["candidates.source=tree", "candidates.count=2", "candidates.tree_update=refit"],
+        ),
         Case::new(
             &scenes::cornell(),
             Technique::RealTime,
