@@ -83,6 +83,8 @@ pub enum Need {
     EmissiveTriangles,
     /// Trees for cuts.
     LightCuts,
+    /// A use for tiles: light tables that a cache does not hold, or more lights that pixels draw than tiles hold.
+    Tiles,
 }
 
 impl std::fmt::Display for Need {
@@ -91,6 +93,9 @@ impl std::fmt::Display for Need {
             Self::Lights => "lights",
             Self::EmissiveTriangles => "emissive triangles or shapes",
             Self::LightCuts => "trees for cuts",
+            Self::Tiles => {
+                "use for tiles: a cache holds its light tables, and pixels draw fewer lights than tiles hold"
+            }
         })
     }
 }
@@ -108,11 +113,13 @@ pub struct Step {
     pub renamed: Vec<(&'static str, &'static str)>,
     /// Which round of a repeated pass this is, from 0: what `Frame::round` says to it.
     pub round: u32,
+    /// Whether its results are those of the frame before if that has seen the same, and stay in memory for it.
+    pub is_kept: bool,
 }
 
 /// A step that always runs.
 pub const fn step(pass: &'static str) -> Step {
-    Step { pass, needs: None, off: None, renamed: Vec::new(), round: 0 }
+    Step { pass, needs: None, off: None, renamed: Vec::new(), round: 0, is_kept: false }
 }
 
 impl Step {
@@ -135,6 +142,11 @@ impl Step {
     /// The step as round `round` of a repeated pass.
     pub fn round(self, round: u32) -> Self {
         Self { round, ..self }
+    }
+
+    /// The step, not run again while the camera sees the same, if `wanted`.
+    pub fn kept_if(self, wanted: bool) -> Self {
+        Self { is_kept: wanted, ..self }
     }
 
     /// Names of the resources that it writes.
@@ -166,6 +178,8 @@ pub struct Facts {
     pub has: Vec<Need>,
     /// Features that choose among the variants of passes.
     pub features: Vec<Feature>,
+    /// Work within and around passes that frames do without, and why.
+    pub spared: Vec<(&'static str, &'static str)>,
 }
 
 impl Facts {
@@ -238,6 +252,8 @@ pub struct Planned {
     pub names: Vec<&'static str>,
     /// Which round of a repeated pass this is.
     pub round: u32,
+    /// Whether a frame that sees what the last two have seen does without it, see [`crate::executor::View`].
+    pub is_kept: bool,
 }
 
 impl Planned {
@@ -509,6 +525,7 @@ struct Live {
     resolved: Resolved,
     variant: &'static Variant,
     round: u32,
+    is_kept: bool,
 }
 
 fn cull(
@@ -542,7 +559,7 @@ fn cull(
             None if !writes_wanted => culled.push((step.pass, Culled::NothingReadsIt)),
             None => {
                 let variant = resolved.pass.variant(&facts.features);
-                live.push(Live { resolved, variant, round: step.round });
+                live.push(Live { resolved, variant, round: step.round, is_kept: step.is_kept });
             }
         }
     }
@@ -550,17 +567,20 @@ fn cull(
 }
 
 impl Plan {
-    /// What is left out, and why: steps, then code that passes would have for what the scene lacks.
+    /// What is left out, and why: steps, then code that passes would have for what the scene lacks, then other work.
     pub fn left_out(&self) -> Vec<(&'static str, String)> {
         let steps = self.culled.iter().map(|(pass, why)| (*pass, why.to_string()));
         let is_absent = |feature: &Feature| !self.facts.features.contains(feature);
         let code = FEATURES.into_iter().filter(is_absent).map(|feature| match feature {
             Feature::TEXTURES => ("code: images", "no material has any"),
+            Feature::MASKS => ("code: alpha masks", "no material has any"),
+            Feature::EMISSION_IMAGES => ("code: images of lights", "nothing that emits has any"),
             Feature::ENVIRONMENT => ("code: other lights", "all that emits is triangles"),
             Feature::INSTANCES => ("code: instances", "there is one, in place"),
             Feature::SPECULAR => ("code: gloss", "every material is Lambert's"),
         });
-        steps.chain(code.map(|(what, why)| (what, why.to_owned()))).collect()
+        let others = code.chain(self.facts.spared.iter().copied());
+        steps.chain(others.map(|(what, why)| (what, why.to_owned()))).collect()
     }
 
     /// Names of the passes that run, in order.

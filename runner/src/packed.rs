@@ -1,5 +1,6 @@
 //! Scenes packed for the passes: a few flat buffers, by the layouts of [`weir_shared::scene`].
 
+mod content;
 mod geometry;
 mod light_cuts;
 mod light_tree;
@@ -14,7 +15,6 @@ use std::{ops::Range, time::Duration};
 use glam::{UVec4, Vec3};
 use rayon::prelude::*;
 use thiserror::Error;
-use weir_shader::wiring::Feature;
 use weir_shared::{
     alias, environment,
     frame::Frame,
@@ -26,10 +26,10 @@ use weir_shared::{
 use crate::{
     executor::SceneBuffers,
     exit::{Exit, HasExit},
-    graph::Need,
     scene::{DistantLight, Environment, Material, Scene},
     settings::Settings,
 };
+pub use content::{CACHED_TABLE_BYTES, Content};
 use geometry::PackedMesh;
 use moment::{Dynamics, MeshStart};
 pub use moment::{Moment, TreeUpdate};
@@ -87,33 +87,42 @@ pub struct PackedScene {
     pub lights: Vec<u32>,
     /// Everything of the frame uniform that the scene decides, at the present moment.
     pub frame: Frame,
-    /// Features that choose variants of passes.
-    pub features: Vec<Feature>,
+    /// What the scene has.
+    pub content: Content,
     /// World-space bounds at the packed moment: lower and upper corner.
     pub bounds: [Vec3; 2],
     /// Origin of the world space of buffers and passes in that of the scene: zero unless the scene is far from its own.
     pub origin: Vec3,
     /// What it has cost to build what lights are chosen by.
     pub light_costs: LightCosts,
-    /// What becomes of the light tree at the next moment.
-    pub tree_update: TreeUpdate,
+    /// What becomes of the light tree at the next moment; `None`: nothing, as no candidate comes down it.
+    pub tree_update: Option<TreeUpdate>,
     origins: Origin,
     dynamics: Dynamics,
 }
 
 /// What a scene is packed for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PackOptions {
     /// Any instance may come, go, move and change, see [`PackedScene::advance`].
     pub dynamic: bool,
+    /// Candidates may come down the light tree, see [`weir_shared::light_tree`].
+    pub light_tree: bool,
     /// Candidates may come from cuts, see [`weir_shared::light_cuts`].
     pub light_cuts: bool,
+}
+
+impl Default for PackOptions {
+    /// All that the default settings may need, and no motion but the scene's own.
+    fn default() -> Self {
+        Self { dynamic: false, light_tree: true, light_cuts: false }
+    }
 }
 
 impl PackOptions {
     /// What frames with these settings need.
     pub fn of(settings: &Settings) -> Self {
-        Self { dynamic: false, light_cuts: settings.source == source::CUTS }
+        Self { dynamic: false, light_tree: settings.needs_tree(), light_cuts: settings.source == source::CUTS }
     }
 }
 
@@ -223,13 +232,13 @@ impl PackedScene {
             .meshes
             .par_iter()
             .zip(has_tree)
-            .map(|(mesh, has)| PackedMesh::new(mesh, materials, has, has && options.light_cuts))
+            .map(|(mesh, has)| PackedMesh::new(mesh, materials, has && options.light_tree, has && options.light_cuts))
             .collect();
         fit("records", meshes.iter().map(|m| m.attributes.len() as u64 + m.lights.len() as u64).sum())?;
         fit("triangles", meshes.iter().map(|m| m.triangles.len() as u64).sum())?;
 
         // What changes comes first, twice: for this frame and the one before.
-        let capacity = moment::Capacity::of(scene, &meshes, options.light_cuts)?;
+        let capacity = moment::Capacity::of(scene, &meshes, options)?;
         let mut records = Records(vec![0; 2 * capacity.record_words()]);
         let mut lights = vec![0; capacity.light_words()];
         let mut frame = Frame::default();
@@ -304,16 +313,16 @@ impl PackedScene {
             bvh,
             lights,
             frame,
-            features: Vec::new(),
+            content: Content::default(),
             bounds: [Vec3::ZERO; 2],
             origin: origins.of_scene,
             light_costs,
-            tree_update: TreeUpdate::default(),
+            tree_update: Some(TreeUpdate::default()),
             origins,
             dynamics: Dynamics::new(top, starts, capacity, options.dynamic, has_lights),
         };
         packed.show(moment)?;
-        packed.features = packed.find_features(scene);
+        packed.content = packed.content_of(scene);
         // wgpu and the kernels want no empty buffers.
         packed.triangles.resize(packed.triangles.len().max(9), 0.0);
         packed.texels.resize(packed.texels.len().max(4), 0);
@@ -346,34 +355,20 @@ impl PackedScene {
         self.dynamics.top.moves()
     }
 
-    fn find_features(&self, scene: &Scene) -> Vec<Feature> {
-        let mut features = Vec::new();
-        let textured =
-            |m: &Material| m.base_color_texture.is_some() || m.emission_texture.is_some() || m.alpha_texture.is_some();
-        if scene.materials.iter().any(textured) {
-            features.push(Feature::TEXTURES);
+    fn content_of(&self, scene: &Scene) -> Content {
+        let Dynamics { top, capacity, is_dynamic, has_lights, .. } = &self.dynamics;
+        Content {
+            emitters: *has_lights,
+            distant: environment::count(&self.frame) > 0,
+            shapes: top.has_shapes(),
+            instances: *is_dynamic || !top.is_trivial(),
+            motion: *is_dynamic || top.moves(),
+            light_tree: capacity.has_tree,
+            light_cuts: capacity.has_cuts,
+            large_tables: self.light_costs.table.bytes > CACHED_TABLE_BYTES,
+            ..Content::default()
         }
-        if environment::count(&self.frame) > 0 || self.dynamics.has_shapes() {
-            features.push(Feature::ENVIRONMENT);
-        }
-        if self.dynamics.is_dynamic || !self.dynamics.top.is_trivial() {
-            features.push(Feature::INSTANCES);
-        }
-        if scene.materials.iter().any(|m| m.metallic > 0.0 || m.specular != Vec3::ZERO) {
-            features.push(Feature::SPECULAR);
-        }
-        features
-    }
-
-    /// What the scene has of what steps may need.
-    pub fn has(&self) -> Vec<Need> {
-        let (has_emitters, has_distant) = (self.dynamics.has_lights, environment::count(&self.frame) > 0);
-        let needs = [
-            (Need::Lights, has_emitters || has_distant),
-            (Need::EmissiveTriangles, has_emitters),
-            (Need::LightCuts, self.dynamics.capacity.has_cuts),
-        ];
-        needs.into_iter().filter(|(_, has)| *has).map(|(need, _)| need).collect()
+        .with_materials(scene)
     }
 
     /// The buffers, for an executor.

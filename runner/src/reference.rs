@@ -12,7 +12,6 @@ use rand_pcg::{
     rand_core::{Rng, SeedableRng},
 };
 use rayon::prelude::*;
-use weir_shader::wiring::Feature;
 use weir_shared::{
     bsdf::Bsdf,
     bvh,
@@ -249,8 +248,8 @@ impl<'a> Reference<'a> {
             environment: EnvironmentTable::new(&frame, &scene),
             shapes: Shape::all(&frame, &scene),
             distant: distant_lights(&frame, &scene),
-            masks: packed.features.contains(&Feature::TEXTURES),
-            instances: packed.features.contains(&Feature::INSTANCES),
+            masks: packed.content.masks,
+            instances: packed.content.instances,
             path_length,
         }
     }

@@ -7,7 +7,7 @@ mod stop;
 use std::time::{Duration, Instant};
 
 use thiserror::Error;
-use weir_shared::{frame::Frame, light::source, moments::Moments};
+use weir_shared::{frame::Frame, light::source, moments::Moments, reuse::lattice};
 
 use crate::{
     budget::TimeBudget,
@@ -127,7 +127,7 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
     let up = right.cross(forward);
     let half_height = (camera.vfov_deg.to_radians() * 0.5).tan();
     let half_width = half_height * request.width as f32 / request.height as f32;
-    let [presampled_columns, presampled_rows] = records_of(packed, request.width, request.height, settings);
+    let [presampled_columns, presampled_rows] = records_of(packed, [request.width, request.height], settings);
     Frame {
         width: request.width,
         height: request.height,
@@ -141,11 +141,11 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
         exposure: request.exposure,
         camera_forward: forward,
         candidates: settings.candidates,
-        source: source_of(packed, settings),
+        source: source_of(packed, [request.width, request.height], settings),
         reservoirs: settings.reservoirs,
         round: 0,
         choice: settings.choice,
-        candidates_tree: settings.candidates_tree,
+        candidates_tree: if packed.content.light_tree { settings.candidates_tree } else { 0 },
         candidates_bsdf: request.technique.bsdf_rays(settings),
         candidates_full: settings.candidates_full,
         mis_form: settings.mis_form,
@@ -170,31 +170,80 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
         // So that squares of it stay finite.
         cell_size: (packed.diagonal() * settings.cell_size).min(1e17),
         cell_candidates: settings.cell_candidates,
+        not_skipped: settings.skips.in_passes(),
         ..packed.frame
     }
 }
 
-/// Where candidates come from: by power in place of cuts for which the scene has not been packed.
-fn source_of(packed: &PackedScene, settings: &Settings) -> u32 {
-    let lacks_cuts = settings.source == source::CUTS && !packed.has().contains(&Need::LightCuts);
-    if lacks_cuts { source::POWER } else { settings.source }
+/// Where candidates come from: by power in place of structures that the scene has not been packed with, and of tiles
+/// that are of no use.
+fn source_of(packed: &PackedScene, [width, height]: [u32; 2], settings: &Settings) -> u32 {
+    let is_there = match settings.source {
+        source::CUTS => packed.content.light_cuts,
+        source::TREE => packed.content.light_tree,
+        source::TILES => has_use_for_tiles(packed, [width, height], settings),
+        _ => true,
+    };
+    if is_there { settings.source } else { source::POWER }
+}
+
+/// Whether it may pay to draw the lights of tiles ahead: if a core's cache does not hold their tables, or if the pixels draw
+/// more lights than there are in tiles. Always, with the rule off.
+fn has_use_for_tiles(packed: &PackedScene, [width, height]: [u32; 2], settings: &Settings) -> bool {
+    let [columns, rows] = settings.records(width, height);
+    let of_table = u64::from(settings.candidates.saturating_sub(settings.candidates_tree).max(1));
+    let drawn = u64::from(width) * u64::from(height) * u64::from(settings.reservoirs) * of_table;
+    let pays = packed.content.large_tables || drawn > u64::from(columns) * u64::from(rows);
+    pays || !settings.skips.is_on(Rule::Presampling)
 }
 
 /// Columns and rows of records of lights drawn ahead; one of each where none are drawn.
-fn records_of(packed: &PackedScene, width: u32, height: u32, settings: &Settings) -> [u32; 2] {
-    let need = if settings.source == source::CUTS { Need::LightCuts } else { Need::EmissiveTriangles };
-    if packed.has().contains(&need) { settings.records(width, height) } else { [1; 2] }
+fn records_of(packed: &PackedScene, [width, height]: [u32; 2], settings: &Settings) -> [u32; 2] {
+    let is_drawn = packed.content.emitters && source_of(packed, [width, height], settings) == settings.source;
+    if is_drawn { settings.records(width, height) } else { [1; 2] }
 }
 
 /// What steps may need, as the plan is told: with the rule for what is absent off, lights of all kinds. Trees for cuts are
 /// memory that is there or not.
-fn has_of(packed: &PackedScene, settings: &Settings) -> Vec<Need> {
-    let mut has = packed.has();
+fn has_of(packed: &PackedScene, size: [u32; 2], settings: &Settings) -> Vec<Need> {
+    let mut has = packed.content.has();
     if !settings.skips.is_on(Rule::Absent) {
-        let absent = [Need::Lights, Need::EmissiveTriangles].into_iter().filter(|need| !packed.has().contains(need));
-        has.extend(absent);
+        has.extend(
+            [Need::Lights, Need::EmissiveTriangles].into_iter().filter(|need| !packed.content.has().contains(need)),
+        );
+    }
+    if has.contains(&Need::EmissiveTriangles) && has_use_for_tiles(packed, size, settings) {
+        has.push(Need::Tiles);
     }
     has
+}
+
+/// Work within and around passes that frames do without, and why; shadow rays to what is known to be visible and candidates
+/// of black surfaces apart, which are a matter of single pixels.
+fn spared(packed: &PackedScene, settings: &Settings) -> Vec<(&'static str, &'static str)> {
+    let (content, skips) = (&packed.content, settings.skips);
+    let spared = [
+        (
+            content.emitters && enumerates(packed, settings),
+            Rule::Few,
+            "drawing lights",
+            "each of the few is a candidate",
+        ),
+        (content.emitters && !settings.needs_tree(), Rule::Trees, "light trees", "no candidate comes down one"),
+        (!packed.moves(), Rule::Updates, "updates", "nothing moves by itself"),
+        (!settings.jitter, Rule::Primary, "camera rays", "of frames that see what the last two have seen"),
+    ];
+    let is_spared = |(holds, rule, ..): &(bool, Rule, &'static str, &'static str)| *holds && skips.is_on(*rule);
+    spared.into_iter().filter(is_spared).map(|(_, _, what, why)| (what, why)).collect()
+}
+
+/// Whether every triangle and shape that emits is a candidate of each pixel, as the pass `candidates` decides.
+fn enumerates(packed: &PackedScene, settings: &Settings) -> bool {
+    let off_lattice =
+        if settings.lattice == lattice::FULL { settings.candidates } else { settings.candidates_off_lattice };
+    let all = settings.candidates.min(off_lattice);
+    let environment = if packed.content.distant { (all / 4).max(1) } else { 0 };
+    packed.frame.light_count <= (all - environment.min(all)).max(1)
 }
 
 /// What the plan of a request depends on.
@@ -204,9 +253,10 @@ pub fn facts_of(packed: &PackedScene, width: u32, height: u32, settings: &Settin
         height,
         reservoirs: settings.reservoirs,
         candidates: settings.candidates_in_memory(),
-        records: records_of(packed, width, height, settings),
-        has: has_of(packed, settings),
-        features: settings.skips.features(&packed.features),
+        records: records_of(packed, [width, height], settings),
+        has: has_of(packed, [width, height], settings),
+        features: settings.skips.features(&packed.content.features()),
+        spared: spared(packed, settings),
     }
 }
 

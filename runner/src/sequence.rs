@@ -74,7 +74,8 @@ impl<S: BorrowMut<PackedScene>> Sequence<S> {
     /// As [`PackedScene::advance`].
     pub fn next(&mut self, shot: &Shot) -> Result<(FramePair, Vec<Changed>), PackError> {
         let packed = self.packed.borrow_mut();
-        packed.tree_update = self.request.settings.tree_update;
+        let settings = &self.request.settings;
+        packed.tree_update = settings.needs_tree().then_some(settings.tree_update);
         let changed = if self.request.settings.skips.is_on(Rule::Updates) {
             packed.advance(&shot.moment)?
         } else {

@@ -16,7 +16,7 @@ use weir_shared::{
 use crate::{
     exit::{Exit, HasExit},
     packed::TreeUpdate,
-    skips::Skips,
+    skips::{Rule, Skips},
 };
 
 pub use knobs::{KNOBS, Knob};
@@ -219,6 +219,11 @@ impl Settings {
             source::CUTS => [self.cut_size, cuts_of(width, height)],
             _ => [1; 2],
         }
+    }
+
+    /// Whether candidates come down a light tree, or one is to be built all the same.
+    pub fn needs_tree(&self) -> bool {
+        self.source == source::TREE || self.candidates_tree > 0 || !self.skips.is_on(Rule::Trees)
     }
 
     /// Every knob with its value, in the order of [`KNOBS`]: what `--set` would make these settings again.

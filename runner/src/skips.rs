@@ -7,11 +7,19 @@
 mod costs;
 
 use weir_shader::wiring::Feature;
+use weir_shared::frame::skip;
 
 pub use costs::{Cost, costs};
 
 /// All features of passes.
-pub const FEATURES: [Feature; 4] = [Feature::TEXTURES, Feature::ENVIRONMENT, Feature::INSTANCES, Feature::SPECULAR];
+pub const FEATURES: [Feature; 6] = [
+    Feature::TEXTURES,
+    Feature::MASKS,
+    Feature::EMISSION_IMAGES,
+    Feature::ENVIRONMENT,
+    Feature::INSTANCES,
+    Feature::SPECULAR,
+];
 
 /// A reason to leave work out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,22 +28,54 @@ pub enum Rule {
     Absent,
     /// Passes whose results nothing reads, and the memory of these.
     Unread,
-    /// Code that looks up images and alpha masks, where no material has any.
+    /// Code that looks up images at what camera rays find, where no material has any.
     Textures,
+    /// Code that lets rays through alpha masks, where no material has any.
+    Masks,
+    /// Code that looks up images and alpha masks of what emits, where nothing that emits has any.
+    EmissionImages,
     /// Code for an environment, directional lights and shapes, where there are only emissive triangles.
     Environment,
     /// Code that takes rays into the space of instances, where there is one, in place.
     Instances,
     /// Code for specular lobes, where every material is Lambert's.
     Specular,
+    /// Drawing lights, where each can be a candidate. Changes what is drawn, not its mean.
+    Few,
+    /// Drawing lights ahead in tiles, where a cache holds their tables and pixels draw fewer lights than tiles hold. Changes
+    /// what is drawn, not its mean.
+    Presampling,
+    /// Shadow rays to samples that are known to be visible.
+    Known,
+    /// Candidates and rays by the BSDF, where a surface reflects nothing.
+    Black,
+    /// Light trees, where no candidate comes down one.
+    Trees,
     /// Light tables, trees, top level and their upload for a frame that shows the same moment as the last.
     Updates,
+    /// Camera rays of a frame that sees what the last two have seen.
+    Primary,
 }
 
 impl Rule {
     /// All of them.
-    pub const ALL: [Self; 7] =
-        [Self::Absent, Self::Unread, Self::Textures, Self::Environment, Self::Instances, Self::Specular, Self::Updates];
+    pub const ALL: [Self; 15] = [
+        Self::Absent,
+        Self::Unread,
+        Self::Textures,
+        Self::Masks,
+        Self::EmissionImages,
+        Self::Environment,
+        Self::Instances,
+        Self::Specular,
+        Self::Few,
+        Self::Presampling,
+        Self::Known,
+        Self::Black,
+        Self::Trees,
+        Self::Updates,
+        Self::Primary,
+    ];
 
     /// What stands behind `skip.` in its knob.
     pub fn name(self) -> &'static str {
@@ -43,17 +83,32 @@ impl Rule {
             Self::Absent => "absent",
             Self::Unread => "unread",
             Self::Textures => "textures",
+            Self::Masks => "masks",
+            Self::EmissionImages => "emission_images",
             Self::Environment => "environment",
             Self::Instances => "instances",
             Self::Specular => "specular",
+            Self::Few => "few",
+            Self::Presampling => "presampling",
+            Self::Known => "known",
+            Self::Black => "black",
+            Self::Trees => "trees",
             Self::Updates => "updates",
+            Self::Primary => "primary",
         }
+    }
+
+    /// Whether it changes what is drawn, and with it pictures but not their mean.
+    pub fn changes_draws(self) -> bool {
+        matches!(self, Self::Few | Self::Presampling)
     }
 
     /// The rule that leaves a feature out of the code of passes.
     pub fn of(feature: Feature) -> Self {
         match feature {
             Feature::TEXTURES => Self::Textures,
+            Feature::MASKS => Self::Masks,
+            Feature::EMISSION_IMAGES => Self::EmissionImages,
             Feature::ENVIRONMENT => Self::Environment,
             Feature::INSTANCES => Self::Instances,
             Feature::SPECULAR => Self::Specular,
@@ -83,6 +138,12 @@ impl Skips {
     pub fn with(self, rule: Rule, on: bool) -> Self {
         let bit = 1 << rule as u32;
         Self { off: if on { self.off & !bit } else { self.off | bit } }
+    }
+
+    /// What passes are told of rules that are off: [`Frame::not_skipped`](weir_shared::frame::Frame::not_skipped).
+    pub fn in_passes(self) -> u32 {
+        let rules = [(Rule::Few, skip::FEW_LIGHTS), (Rule::Known, skip::KNOWN_VISIBLE), (Rule::Black, skip::BLACK)];
+        rules.into_iter().filter(|(rule, _)| !self.is_on(*rule)).fold(0, |bits, (_, bit)| bits | bit)
     }
 
     /// Features that passes are compiled with, of a scene that has `present`.

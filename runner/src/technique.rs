@@ -192,7 +192,7 @@ fn steps(technique: Technique, settings: &Settings, curve: ToneCurve) -> Vec<Ste
     let (ahead, need) = match settings.source {
         source::CELLS => ("presample_cells", Need::EmissiveTriangles),
         source::CUTS => ("light_cuts", Need::LightCuts),
-        _ => ("presample_tiles", Need::EmissiveTriangles),
+        _ => ("presample_tiles", Need::Tiles),
     };
     let draws_ahead = matches!(settings.source, source::TILES | source::CELLS | source::CUTS);
     chain.steps.push(step(ahead).only_if(draws_ahead, "`candidates.source` draws no lights ahead").needs(need));
@@ -243,7 +243,7 @@ fn steps(technique: Technique, settings: &Settings, curve: ToneCurve) -> Vec<Ste
         chain.look("visible");
     }
 
-    let mut steps = vec![step("primary")];
+    let mut steps = vec![step("primary").kept_if(!settings.jitter && settings.skips.is_on(Rule::Primary))];
     steps.append(&mut chain.steps);
     match chain.gathered.filter(|_| settings.sum && rays == Rays::Quality) {
         Some(gathered) => steps.push(step("shade_sum").with("gathered", gathered)),
@@ -312,6 +312,7 @@ mod tests {
             records: [1; 2],
             has: vec![Need::Lights],
             features: Vec::new(),
+            spared: Vec::new(),
         };
         let plan = direct_light(technique, &preset.settings(), &facts, ToneCurve::default(), &["display"]);
         let names = plan.expect("a frame").pass_names();
@@ -344,10 +345,11 @@ mod tests {
                 records,
                 has: has.to_vec(),
                 features: Vec::new(),
+                spared: Vec::new(),
             };
             direct_light(Technique::Still, &settings, &facts, ToneCurve::default(), &["display"]).expect("a frame")
         };
-        let all = [Need::Lights, Need::EmissiveTriangles, Need::LightCuts];
+        let all = [Need::Lights, Need::EmissiveTriangles, Need::LightCuts, Need::Tiles];
         for (source, pass, bytes) in [
             ("tiles", "presample_tiles", 64 * 128 * 1024),
             ("cells", "presample_cells", 64 * 32 * 6 * 512),
@@ -377,7 +379,16 @@ mod tests {
             settings.apply(&format!("reservoirs.choice={choice}")).expect("a choice");
             let candidates = settings.candidates_in_memory();
             let (records, has) = ([1; 2], vec![Need::Lights]);
-            let facts = Facts { width: 8, height: 8, reservoirs: 2, candidates, records, has, features: Vec::new() };
+            let facts = Facts {
+                width: 8,
+                height: 8,
+                reservoirs: 2,
+                candidates,
+                records,
+                has,
+                features: Vec::new(),
+                spared: Vec::new(),
+            };
             direct_light(Technique::Still, &settings, &facts, ToneCurve::default(), &["display"]).expect("a frame")
         };
         let (stream, memory) = (plan_of("threshold"), plan_of("inversion"));

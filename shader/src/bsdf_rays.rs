@@ -4,7 +4,7 @@ use glam::{UVec2, UVec4};
 use weir_shared::{
     bvh::closest_hit,
     environment,
-    frame::Frame,
+    frame::{Frame, skip},
     light::{self, ENVIRONMENT_BIT, NO_LIGHT},
     numerics::{load, pack_cell},
     ray::{FAR, Ray, offset_origin},
@@ -17,7 +17,7 @@ use weir_shared::{
 };
 
 /// The light that a direction drawn from the BSDF finds, with weight 1; the zero reservoir if there is none. One ray.
-pub fn bsdf_rays<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
+pub fn bsdf_rays<const MASKS: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
     px: UVec2,
     reservoir: u32,
     frame: &Frame,
@@ -26,7 +26,7 @@ pub fn bsdf_rays<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES:
     surfaces: &[Surface],
 ) -> Reservoir {
     let surface = load(surfaces, frame.index_of(px));
-    if surface.is_sky() {
+    if surface.is_sky() || (surface.is_black() && frame.skips(skip::BLACK)) {
         return Reservoir::EMPTY;
     }
     let bsdf = Domain::new(frame.camera_origin, &surface).bsdf;
@@ -36,7 +36,7 @@ pub fn bsdf_rays<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES:
         return Reservoir::EMPTY;
     }
     let origin = offset_origin(surface.position(), bsdf.normal_geometric, surface.error, direction);
-    let hit = closest_hit::<TEXTURES, INSTANCES>(frame, scene, bvh, &Ray { origin, direction, t_max: FAR });
+    let hit = closest_hit::<MASKS, INSTANCES>(frame, scene, bvh, &Ray { origin, direction, t_max: FAR });
     if hit.is_miss() {
         if !ENVIRONMENT || frame.environment_width == 0 {
             return Reservoir::EMPTY;

@@ -3,7 +3,7 @@
 use glam::UVec2;
 use weir_shared::{
     environment, fault,
-    frame::Frame,
+    frame::{Frame, skip},
     light::{self, Address, ENVIRONMENT_BIT, NO_LIGHT, source},
     light_cuts::{self, Cluster, cut_of},
     light_tree::Walk,
@@ -56,7 +56,7 @@ impl Shares {
             (all / 4).max(1)
         };
         let triangles = if frame.light_count == 0 { 0 } else { (all - environment.min(all)).max(1) };
-        let enumerate = frame.light_count <= triangles;
+        let enumerate = frame.light_count <= triangles && frame.skips(skip::FEW_LIGHTS);
         let tree = if enumerate {
             0
         } else if frame.source == source::TREE {
@@ -191,7 +191,7 @@ impl Offered for Candidate {
 /// Offers the candidates of a reservoir from number `from` on, `most` of them at most, for the surface of the pixel; returns
 /// the worst fault of drawing them. See [`candidates`]. Candidates compete in groups only if all of them are offered.
 #[inline(always)]
-fn offer_candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool, O: Offered>(
+fn offer_candidates<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULAR: bool, O: Offered>(
     px: UVec2,
     reservoir: u32,
     frame: &Frame,
@@ -352,7 +352,7 @@ fn offer_candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULA
                 record.point()
             } else {
                 let place = light::place_of(frame, scene, address);
-                light::evaluate_at::<TEXTURES, ENVIRONMENT>(frame, scene, place, uv)
+                light::evaluate_at::<EMISSION_IMAGES, ENVIRONMENT>(frame, scene, place, uv)
             };
             // Of a light drawn ahead: its contribution weight, in place of one over its probability.
             let record_scale = if record.has_light() { record.scale } else { 1.0 };
@@ -416,7 +416,7 @@ fn offer_candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULA
 /// surface's reflection out, and only the survivors meet the full one, each with the contribution weight of its group.
 ///
 /// Source: Talbot et al. 2005; Bitterli et al. 2020, algorithm 3; two stages: Wyman 2020.
-pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>(
+pub fn candidates<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>(
     px: UVec2,
     reservoir: u32,
     frame: &Frame,
@@ -430,9 +430,12 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
     if surface.is_sky() {
         return Reservoir::EMPTY;
     }
+    if surface.is_black() && frame.skips(skip::BLACK) {
+        return Reservoir::new(0, 0, 0.0, 1);
+    }
     let choice = Rng::for_reservoir(px, reservoir, frame, Stage::CandidateChoice);
     let mut stream: Stream<f32, Sample, Chooser> = Stream::new((0, 0), Chooser::new(choice, frame.choice));
-    let group_fault = offer_candidates::<TEXTURES, ENVIRONMENT, SPECULAR, _>(
+    let group_fault = offer_candidates::<EMISSION_IMAGES, ENVIRONMENT, SPECULAR, _>(
         px,
         reservoir,
         frame,
@@ -453,7 +456,7 @@ pub fn candidates<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR:
 
 /// Candidate `number` of all candidates of a pixel, those of its reservoirs one after the other, as [`candidates`] offers
 /// it to its stream: to be kept in memory with all others. Nothing competes in groups.
-pub fn resident<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>(
+pub fn resident<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>(
     px: UVec2,
     number: u32,
     frame: &Frame,
@@ -465,12 +468,12 @@ pub fn resident<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: b
 ) -> Candidate {
     let surface = load(surfaces, frame.index_of(px));
     let mut candidate = Candidate::NONE;
-    if surface.is_sky() {
+    if surface.is_sky() || (surface.is_black() && frame.skips(skip::BLACK)) {
         return candidate;
     }
     let count = frame.candidates_in_memory();
     let (reservoir, number) = (number / count, number % count);
-    candidate.fault = offer_candidates::<TEXTURES, ENVIRONMENT, SPECULAR, _>(
+    candidate.fault = offer_candidates::<EMISSION_IMAGES, ENVIRONMENT, SPECULAR, _>(
         px,
         reservoir,
         frame,

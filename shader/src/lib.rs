@@ -26,34 +26,36 @@ pub mod visibility;
 passes! {
     pixel primary[TEXTURES ENVIRONMENT INSTANCES](scene, bvh: [UVec4]) -> (surfaces: [Surface], emitted: [Vec4])
         = primary::primary;
-    reservoir bsdf_rays[TEXTURES ENVIRONMENT INSTANCES](scene, bvh: [UVec4], surfaces: [Surface])
+    reservoir bsdf_rays[MASKS ENVIRONMENT INSTANCES](scene, bvh: [UVec4], surfaces: [Surface])
         -> (bsdf_hits: [Reservoir]) = bsdf_rays::bsdf_rays;
-    record presample_tiles[TEXTURES ENVIRONMENT](scene, lights: [u32]) -> (presampled: [LightRecord]) = presample::tiles;
-    record presample_cells[TEXTURES ENVIRONMENT](scene, lights: [u32]) -> (presampled: [LightRecord]) = presample::cells;
+    record presample_tiles[EMISSION_IMAGES ENVIRONMENT](scene, lights: [u32]) -> (presampled: [LightRecord])
+        = presample::tiles;
+    record presample_cells[EMISSION_IMAGES ENVIRONMENT](scene, lights: [u32]) -> (presampled: [LightRecord])
+        = presample::cells;
     record light_cuts[](scene, lights: [u32], surfaces: [Surface]) -> (presampled: [LightRecord]) = presample::cuts;
-    reservoir candidates[TEXTURES ENVIRONMENT SPECULAR](scene, lights: [u32], surfaces: [Surface],
+    reservoir candidates[EMISSION_IMAGES ENVIRONMENT SPECULAR](scene, lights: [u32], surfaces: [Surface],
         bsdf_hits: [Reservoir], presampled: [LightRecord]) -> (fresh: [Reservoir]) = candidates::candidates;
-    candidate resident[TEXTURES ENVIRONMENT SPECULAR](scene, lights: [u32], surfaces: [Surface],
+    candidate resident[EMISSION_IMAGES ENVIRONMENT SPECULAR](scene, lights: [u32], surfaces: [Surface],
         bsdf_hits: [Reservoir], presampled: [LightRecord]) -> (resident: [Candidate]) = candidates::resident;
     reservoir candidates_by_inversion[](resident: [Candidate]) -> (fresh: [Reservoir]) = candidates::by_inversion;
-    reservoir visibility[TEXTURES ENVIRONMENT INSTANCES](scene, bvh: [UVec4], surfaces: [Surface],
+    reservoir visibility[MASKS ENVIRONMENT INSTANCES](scene, bvh: [UVec4], surfaces: [Surface],
         unseen: [Reservoir]) -> (visible: [Reservoir]) = visibility::visibility;
-    reservoir temporal_rays[TEXTURES ENVIRONMENT INSTANCES](prev_frame, scene, bvh: [UVec4], surfaces: [Surface],
+    reservoir temporal_rays[MASKS ENVIRONMENT INSTANCES](prev_frame, scene, bvh: [UVec4], surfaces: [Surface],
         prev_surfaces: [Surface], fresh: [Reservoir], prev_reservoirs: [Reservoir]) -> (marked: [Reservoir])
         = temporal::rays;
-    reservoir temporal[TEXTURES ENVIRONMENT SPECULAR](prev_frame, scene, surfaces: [Surface],
+    reservoir temporal[EMISSION_IMAGES ENVIRONMENT SPECULAR](prev_frame, scene, surfaces: [Surface],
         prev_surfaces: [Surface], fresh: [Reservoir], prev_reservoirs: [Reservoir])
         -> (merged: [Reservoir], gathered: [Vec4]) = temporal::temporal;
     reservoir temporal_any_form[](prev_frame, scene, surfaces: [Surface], prev_surfaces: [Surface],
         fresh: [Reservoir], prev_reservoirs: [Reservoir]) -> (merged: [Reservoir], gathered: [Vec4])
         = temporal::any_form;
-    reservoir spatial_rays[TEXTURES ENVIRONMENT INSTANCES](scene, bvh: [UVec4], surfaces: [Surface],
+    reservoir spatial_rays[MASKS ENVIRONMENT INSTANCES](scene, bvh: [UVec4], surfaces: [Surface],
         merging: [Reservoir]) -> (marked: [Reservoir]) = spatial::rays;
-    reservoir spatial[TEXTURES ENVIRONMENT SPECULAR](scene, surfaces: [Surface], marked: [Reservoir],
+    reservoir spatial[EMISSION_IMAGES ENVIRONMENT SPECULAR](scene, surfaces: [Surface], marked: [Reservoir],
         merging: [Reservoir]) -> (merged: [Reservoir], gathered: [Vec4]) = spatial::spatial;
     reservoir spatial_any_form[](scene, surfaces: [Surface], marked: [Reservoir], merging: [Reservoir])
         -> (merged: [Reservoir], gathered: [Vec4]) = spatial::any_form;
-    pixel shade[TEXTURES ENVIRONMENT SPECULAR](scene, surfaces: [Surface], emitted: [Vec4], visible: [Reservoir])
+    pixel shade[EMISSION_IMAGES ENVIRONMENT SPECULAR](scene, surfaces: [Surface], emitted: [Vec4], visible: [Reservoir])
         -> (color: [Vec4]) = shade::shade;
     pixel shade_sum[](emitted: [Vec4], gathered: [Vec4]) -> (color: [Vec4]) = shade::shade_sum;
     pixel accumulate[](color: [Vec4], prev_moments: [Moments]) -> (moments: [Moments]) = accumulate::accumulate;

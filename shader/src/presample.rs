@@ -12,25 +12,25 @@ use weir_shared::{
 /// A record of a tile: `at` is its place in the tile, and the tile.
 ///
 /// Source: Wyman and Panteleev 2021, "Rearchitecting Spatiotemporal Resampling for Production".
-pub fn tiles<const TEXTURES: bool, const ENVIRONMENT: bool>(
+pub fn tiles<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool>(
     at: UVec2,
     frame: &Frame,
     scene: &Scene,
     lights: &[u32],
 ) -> LightRecord {
-    tile_record::<TEXTURES, ENVIRONMENT>(at, frame, scene, lights)
+    tile_record::<EMISSION_IMAGES, ENVIRONMENT>(at, frame, scene, lights)
 }
 
 /// A record of a cell: `at` is its place in the cell, and the cell.
 ///
 /// Source: Boksansky, Jukarainen and Wyman 2021, "Rendering Many Lights with Grid-Based Reservoirs".
-pub fn cells<const TEXTURES: bool, const ENVIRONMENT: bool>(
+pub fn cells<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool>(
     at: UVec2,
     frame: &Frame,
     scene: &Scene,
     lights: &[u32],
 ) -> LightRecord {
-    cell_record::<TEXTURES, ENVIRONMENT>(at, frame, scene, lights)
+    cell_record::<EMISSION_IMAGES, ENVIRONMENT>(at, frame, scene, lights)
 }
 
 /// A cluster of a cut: `at` is its place in the cut, and the cut.

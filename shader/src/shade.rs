@@ -14,7 +14,7 @@ use weir_shared::{
 
 /// Radiance toward the camera, linear Rec. 709, in W sr^-1 m^-2, by the mean over the pixel's reservoirs; w is the first
 /// [`fault`] on the way to it.
-pub fn shade<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>(
+pub fn shade<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>(
     px: UVec2,
     frame: &Frame,
     scene: &Scene,
@@ -29,7 +29,7 @@ pub fn shade<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool
         let held = load(visible, frame.index_of_reservoir(px, i));
         if held.has_sample() {
             let domain = Domain::new(frame.camera_origin, &load(surfaces, frame.index_of(px)));
-            let point = light::evaluate::<TEXTURES, ENVIRONMENT>(frame, scene, held.light, held.uv);
+            let point = light::evaluate::<EMISSION_IMAGES, ENVIRONMENT>(frame, scene, held.light, held.uv);
             reflected += domain.reflected::<ENVIRONMENT, SPECULAR>(&point) * held.ucw;
         }
         first = if first == fault::NONE { held.fault() } else { first };

@@ -26,7 +26,7 @@ struct Sample {
     point: LightPoint,
 }
 
-struct Present<'a, const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> {
+struct Present<'a, const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> {
     px: UVec2,
     frame: &'a Frame,
     scene: Scene<'a>,
@@ -37,7 +37,9 @@ struct Present<'a, const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR
     chosen: Chosen,
 }
 
-impl<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> Present<'_, TEXTURES, ENVIRONMENT, SPECULAR> {
+impl<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>
+    Present<'_, EMISSION_IMAGES, ENVIRONMENT, SPECULAR>
+{
     #[inline(always)]
     fn stored(&self, input: u32) -> Reservoir {
         if input == 0 {
@@ -47,8 +49,8 @@ impl<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> Presen
     }
 }
 
-impl<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> Inputs<f32>
-    for Present<'_, TEXTURES, ENVIRONMENT, SPECULAR>
+impl<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> Inputs<f32>
+    for Present<'_, EMISSION_IMAGES, ENVIRONMENT, SPECULAR>
 {
     type Sample = Sample;
     type Domain = Domain;
@@ -77,7 +79,7 @@ impl<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> Inputs
         let (mut ucw, mut point) = (0.0, LightPoint::NONE);
         if stored.has_sample() {
             ucw = stored.ucw;
-            point = light::evaluate::<TEXTURES, ENVIRONMENT>(self.frame, &self.scene, stored.light, stored.uv);
+            point = light::evaluate::<EMISSION_IMAGES, ENVIRONMENT>(self.frame, &self.scene, stored.light, stored.uv);
         }
         (ucw, Sample { light: stored.light, uv: stored.uv, point })
     }
@@ -118,7 +120,7 @@ impl Offered for Sample {
 }
 
 /// The pixel's reservoir, merged with those of neighbours; and the light of all its inputs, each with its weight.
-pub fn spatial<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>(
+pub fn spatial<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>(
     px: UVec2,
     reservoir: u32,
     frame: &Frame,
@@ -127,7 +129,7 @@ pub fn spatial<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bo
     own: &[Reservoir],
     merging: &[Reservoir],
 ) -> (Reservoir, Vec4) {
-    merged::<TEXTURES, ENVIRONMENT, SPECULAR, true>(px, reservoir, frame, scene, surfaces, own, merging)
+    merged::<EMISSION_IMAGES, ENVIRONMENT, SPECULAR, true>(px, reservoir, frame, scene, surfaces, own, merging)
 }
 
 /// [`spatial`] with any of [`weir_shared::merge::form`], for any scene: slower, for comparisons.
@@ -144,7 +146,7 @@ pub fn any_form(
 }
 
 #[inline(always)]
-fn merged<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool, const PAIRWISE: bool>(
+fn merged<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULAR: bool, const PAIRWISE: bool>(
     px: UVec2,
     reservoir: u32,
     frame: &Frame,
@@ -160,7 +162,7 @@ fn merged<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool, c
     let own = load(own, frame.index_of_reservoir(px, reservoir));
     let neighbors = find_present(px, reservoir, frame, &surface, surfaces, own.confidence());
     let chosen = Chosen::new(px, reservoir, frame, &own, neighbors, merging, false);
-    let inputs: Present<'_, TEXTURES, ENVIRONMENT, SPECULAR> =
+    let inputs: Present<'_, EMISSION_IMAGES, ENVIRONMENT, SPECULAR> =
         Present { px, frame, scene: *scene, surfaces, own, merging, reservoir, chosen };
     let rng = Rng::for_reservoir(px, reservoir, frame, Stage::SpatialChoice);
     let mut sink = Collector::new(rng, frame.choice);
@@ -174,7 +176,7 @@ fn merged<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool, c
 
 /// The pixel's reservoir with the marks of the shadow rays that spatial reuse asks for; as [`crate::temporal::rays`],
 /// within one frame.
-pub fn rays<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
+pub fn rays<const MASKS: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
     px: UVec2,
     reservoir: u32,
     frame: &Frame,
@@ -206,7 +208,7 @@ pub fn rays<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES: bool
         if input > 0 && sample.has_sample() {
             let point = light::evaluate::<false, ENVIRONMENT>(frame, scene, sample.light, sample.uv);
             let ray = light::shadow_ray::<ENVIRONMENT>(&start, &point);
-            if !unoccluded::<TEXTURES, INSTANCES>(frame, scene, bvh, &ray) {
+            if !unoccluded::<MASKS, INSTANCES>(frame, scene, bvh, &ray) {
                 own = own.with_hidden(i);
             }
         }

@@ -31,7 +31,7 @@ struct Sample {
     before: LightPoint,
 }
 
-struct Past<'a, const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> {
+struct Past<'a, const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> {
     frame: &'a Frame,
     prev_frame: &'a Frame,
     scene: Scene<'a>,
@@ -43,7 +43,9 @@ struct Past<'a, const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: b
     chosen: Chosen,
 }
 
-impl<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> Past<'_, TEXTURES, ENVIRONMENT, SPECULAR> {
+impl<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>
+    Past<'_, EMISSION_IMAGES, ENVIRONMENT, SPECULAR>
+{
     #[inline(always)]
     fn stored(&self, input: u32) -> Reservoir {
         if input == 0 {
@@ -53,8 +55,8 @@ impl<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> Past<'
     }
 }
 
-impl<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> Inputs<f32>
-    for Past<'_, TEXTURES, ENVIRONMENT, SPECULAR>
+impl<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> Inputs<f32>
+    for Past<'_, EMISSION_IMAGES, ENVIRONMENT, SPECULAR>
 {
     type Sample = Sample;
     type Domain = Domain;
@@ -110,7 +112,7 @@ impl<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> Inputs
             if light == NO_LIGHT {
                 point = LightPoint::NONE;
             } else if past == 0 || changed {
-                point = light::evaluate::<TEXTURES, ENVIRONMENT>(&moment, &self.scene, light, stored.uv);
+                point = light::evaluate::<EMISSION_IMAGES, ENVIRONMENT>(&moment, &self.scene, light, stored.uv);
             }
             if past == 0 {
                 sample.now = point;
@@ -151,7 +153,7 @@ impl<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool> Inputs
 }
 
 /// The pixel's reservoir, merged with those of the frame before; and the light of all its inputs, each with its weight.
-pub fn temporal<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>(
+pub fn temporal<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULAR: bool>(
     px: UVec2,
     reservoir: u32,
     frame: &Frame,
@@ -162,7 +164,7 @@ pub fn temporal<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: b
     fresh: &[Reservoir],
     prev_reservoirs: &[Reservoir],
 ) -> (Reservoir, Vec4) {
-    merged::<TEXTURES, ENVIRONMENT, SPECULAR, true>(
+    merged::<EMISSION_IMAGES, ENVIRONMENT, SPECULAR, true>(
         px,
         reservoir,
         frame,
@@ -201,7 +203,7 @@ pub fn any_form(
 }
 
 #[inline(always)]
-fn merged<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool, const PAIRWISE: bool>(
+fn merged<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULAR: bool, const PAIRWISE: bool>(
     px: UVec2,
     reservoir: u32,
     frame: &Frame,
@@ -219,7 +221,7 @@ fn merged<const TEXTURES: bool, const ENVIRONMENT: bool, const SPECULAR: bool, c
     let own = load(fresh, frame.index_of_reservoir(px, reservoir));
     let neighbors = find_past(px, reservoir, frame, prev_frame, scene, &surface, prev_surfaces);
     let chosen = Chosen::new(px, reservoir, frame, &own, neighbors, prev_reservoirs, true);
-    let inputs: Past<'_, TEXTURES, ENVIRONMENT, SPECULAR> =
+    let inputs: Past<'_, EMISSION_IMAGES, ENVIRONMENT, SPECULAR> =
         Past { frame, prev_frame, scene: *scene, surface, prev_surfaces, own, prev_reservoirs, reservoir, chosen };
     let rng = Rng::for_reservoir(px, reservoir, frame, Stage::TemporalChoice);
     let mut sink = Collector::new(rng, frame.choice);
@@ -241,7 +243,7 @@ impl crate::collect::Offered for Sample {
 /// The pixel's reservoir with the marks of the shadow rays that temporal reuse asks for: from the partner in the frame
 /// before, through that frame's acceleration structure, to the pixel's own sample; and, for [`probe::ALL`], from the
 /// pixel to every other sample.
-pub fn rays<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
+pub fn rays<const MASKS: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
     px: UVec2,
     reservoir: u32,
     frame: &Frame,
@@ -283,7 +285,7 @@ pub fn rays<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES: bool
                 }
                 let point = light::evaluate::<false, ENVIRONMENT>(&moment, scene, light, sample.uv);
                 let ray = light::shadow_ray::<ENVIRONMENT>(&start, &point);
-                if !unoccluded::<TEXTURES, INSTANCES>(&moment, scene, bvh, &ray) {
+                if !unoccluded::<MASKS, INSTANCES>(&moment, scene, bvh, &ray) {
                     own = own.with_hidden(i);
                 }
             }

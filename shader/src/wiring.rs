@@ -347,9 +347,14 @@ mod host {
 
     /// A property of the scene that changes the code of passes.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+    #[expect(non_camel_case_types, reason = "rows and passes call their constants so")]
     pub enum Feature {
         /// Some material has an image.
         TEXTURES,
+        /// Some material has an alpha mask.
+        MASKS,
+        /// Some material that emits has an image or an alpha mask.
+        EMISSION_IMAGES,
         /// There are lights other than emissive triangles: an environment, directional lights or shapes.
         ENVIRONMENT,
         /// More than one instance, or one that is not in place.

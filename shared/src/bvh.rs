@@ -246,10 +246,10 @@ impl Tests for PortableTests {
 
 /// The nearest triangle that a ray meets before `ray.t_max`.
 ///
-/// `TEXTURES`: alpha masks are honoured. `INSTANCES`: the scene has a top level; without it, instance 0 is all
+/// `MASKS`: alpha masks are honoured. `INSTANCES`: the scene has a top level; without it, instance 0 is all
 /// there is, in world space.
 #[inline(always)]
-pub fn closest_hit<const TEXTURES: bool, const INSTANCES: bool>(
+pub fn closest_hit<const MASKS: bool, const INSTANCES: bool>(
     frame: &Frame,
     scene: &Scene,
     bvh: &[UVec4],
@@ -258,14 +258,14 @@ pub fn closest_hit<const TEXTURES: bool, const INSTANCES: bool>(
     #[cfg(all(not(target_arch = "spirv"), target_arch = "x86_64"))]
     if simd::available() {
         // SAFETY: the processor has AVX2.
-        return unsafe { simd::closest_hit::<TEXTURES, INSTANCES>(frame, scene, bvh, ray) };
+        return unsafe { simd::closest_hit::<MASKS, INSTANCES>(frame, scene, bvh, ray) };
     }
-    closest_hit_with::<TEXTURES, INSTANCES, _>(frame, scene, bvh, ray, PortableTests)
+    closest_hit_with::<MASKS, INSTANCES, _>(frame, scene, bvh, ray, PortableTests)
 }
 
 /// Whether no triangle lies between the ends of the ray. The constants are those of [`closest_hit`].
 #[inline(always)]
-pub fn unoccluded<const TEXTURES: bool, const INSTANCES: bool>(
+pub fn unoccluded<const MASKS: bool, const INSTANCES: bool>(
     frame: &Frame,
     scene: &Scene,
     bvh: &[UVec4],
@@ -274,14 +274,14 @@ pub fn unoccluded<const TEXTURES: bool, const INSTANCES: bool>(
     #[cfg(all(not(target_arch = "spirv"), target_arch = "x86_64"))]
     if simd::available() {
         // SAFETY: the processor has AVX2.
-        return unsafe { simd::unoccluded::<TEXTURES, INSTANCES>(frame, scene, bvh, ray) };
+        return unsafe { simd::unoccluded::<MASKS, INSTANCES>(frame, scene, bvh, ray) };
     }
-    unoccluded_with::<TEXTURES, INSTANCES, _>(frame, scene, bvh, ray, PortableTests)
+    unoccluded_with::<MASKS, INSTANCES, _>(frame, scene, bvh, ray, PortableTests)
 }
 
 /// [`closest_hit`] with given tests.
 #[inline(always)]
-pub fn closest_hit_with<const TEXTURES: bool, const INSTANCES: bool, T: Tests>(
+pub fn closest_hit_with<const MASKS: bool, const INSTANCES: bool, T: Tests>(
     frame: &Frame,
     scene: &Scene,
     bvh: &[UVec4],
@@ -290,7 +290,7 @@ pub fn closest_hit_with<const TEXTURES: bool, const INSTANCES: bool, T: Tests>(
 ) -> Hit {
     let mut hit = Hit::miss(ray.t_max);
     if !INSTANCES {
-        closest_in_instance::<TEXTURES, T>(frame, scene, bvh, ray, 0, tests, &mut hit);
+        closest_in_instance::<MASKS, T>(frame, scene, bvh, ray, 0, tests, &mut hit);
         return hit;
     }
     let node_ray = NodeRay::new(ray.origin, ray.direction);
@@ -304,7 +304,7 @@ pub fn closest_hit_with<const TEXTURES: bool, const INSTANCES: bool, T: Tests>(
                 direction: scene.transform_vector(at, ray.direction),
                 t_max: hit.t,
             };
-            closest_in_instance::<TEXTURES, T>(frame, scene, bvh, &object_ray, instance, tests, &mut hit);
+            closest_in_instance::<MASKS, T>(frame, scene, bvh, &object_ray, instance, tests, &mut hit);
         }
         if !walk.has_node() {
             return hit;
@@ -315,7 +315,7 @@ pub fn closest_hit_with<const TEXTURES: bool, const INSTANCES: bool, T: Tests>(
 }
 
 #[inline(always)]
-fn closest_in_instance<const TEXTURES: bool, T: Tests>(
+fn closest_in_instance<const MASKS: bool, T: Tests>(
     frame: &Frame,
     scene: &Scene,
     bvh: &[UVec4],
@@ -338,7 +338,7 @@ fn closest_in_instance<const TEXTURES: bool, T: Tests>(
                 found.t == hit.t && (instance < hit.instance || (instance == hit.instance && triangle < hit.triangle));
             if found.t > 0.0
                 && (found.t < hit.t || (tie && !hit.is_miss()))
-                && (!TEXTURES || is_opaque(frame, scene, instance, triangle, found.u, found.v))
+                && (!MASKS || is_opaque(frame, scene, instance, triangle, found.u, found.v))
             {
                 *hit = Hit { t: found.t, u: found.u, v: found.v, triangle, instance };
             }
@@ -355,7 +355,7 @@ fn closest_in_instance<const TEXTURES: bool, T: Tests>(
 
 /// [`unoccluded`] with given tests.
 #[inline(always)]
-pub fn unoccluded_with<const TEXTURES: bool, const INSTANCES: bool, T: Tests>(
+pub fn unoccluded_with<const MASKS: bool, const INSTANCES: bool, T: Tests>(
     frame: &Frame,
     scene: &Scene,
     bvh: &[UVec4],
@@ -363,7 +363,7 @@ pub fn unoccluded_with<const TEXTURES: bool, const INSTANCES: bool, T: Tests>(
     tests: T,
 ) -> bool {
     if !INSTANCES {
-        return unoccluded_in_instance::<TEXTURES, T>(frame, scene, bvh, ray, 0, tests);
+        return unoccluded_in_instance::<MASKS, T>(frame, scene, bvh, ray, 0, tests);
     }
     let node_ray = NodeRay::new(ray.origin, ray.direction);
     let mut walk = Walk::from_root();
@@ -376,7 +376,7 @@ pub fn unoccluded_with<const TEXTURES: bool, const INSTANCES: bool, T: Tests>(
                 direction: scene.transform_vector(at, ray.direction),
                 t_max: ray.t_max,
             };
-            if !unoccluded_in_instance::<TEXTURES, T>(frame, scene, bvh, &object_ray, instance, tests) {
+            if !unoccluded_in_instance::<MASKS, T>(frame, scene, bvh, &object_ray, instance, tests) {
                 return false;
             }
         }
@@ -389,7 +389,7 @@ pub fn unoccluded_with<const TEXTURES: bool, const INSTANCES: bool, T: Tests>(
 }
 
 #[inline(always)]
-fn unoccluded_in_instance<const TEXTURES: bool, T: Tests>(
+fn unoccluded_in_instance<const MASKS: bool, T: Tests>(
     frame: &Frame,
     scene: &Scene,
     bvh: &[UVec4],
@@ -409,7 +409,7 @@ fn unoccluded_in_instance<const TEXTURES: bool, T: Tests>(
             let found = sheared.intersect(scene.triangles, triangle);
             if found.t > 0.0
                 && found.t < ray.t_max
-                && (!TEXTURES || is_opaque(frame, scene, instance, triangle, found.u, found.v))
+                && (!MASKS || is_opaque(frame, scene, instance, triangle, found.u, found.v))
             {
                 return false;
             }

@@ -4,6 +4,16 @@ use bytemuck::{Pod, Zeroable};
 use core::mem::{offset_of, size_of};
 use glam::{UVec2, Vec3};
 
+/// Rules by which passes leave out work that cannot change what they compute; bits of [`Frame::not_skipped`].
+pub mod skip {
+    /// Lights are drawn even where each could be a candidate.
+    pub const FEW_LIGHTS: u32 = 1;
+    /// A shadow ray is traced again for a sample that is known to be visible.
+    pub const KNOWN_VISIBLE: u32 = 2;
+    /// Candidates are evaluated at surfaces that reflect nothing.
+    pub const BLACK: u32 = 4;
+}
+
 /// Binding 0 of every pass.
 ///
 /// Offsets into `records`, `lights` and `texels` count words from the start of the buffer. Vectors start at multiples
@@ -148,10 +158,10 @@ pub struct Frame {
 
     /// Where the tree for cuts over emitters starts in `lights`.
     pub light_cuts_at: u32,
-    /// Not used.
-    pub padding_y: u32,
-    /// Not used.
-    pub padding_z: u32,
+    /// Rules that leave work out and are off, as bits, see [`skip`].
+    pub not_skipped: u32,
+    /// Changes whenever something that rays find may have moved, or emit otherwise, since the frame before.
+    pub found_moment: u32,
     /// Not used.
     pub padding_w: u32,
 }
@@ -203,6 +213,12 @@ impl FramePair {
 }
 
 impl Frame {
+    /// Whether a rule of [`skip`] leaves work out.
+    #[inline(always)]
+    pub fn skips(&self, rule: u32) -> bool {
+        self.not_skipped & rule == 0
+    }
+
     /// Row-major index of a pixel.
     #[inline(always)]
     pub fn index_of(&self, px: UVec2) -> u32 {

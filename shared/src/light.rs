@@ -203,10 +203,10 @@ pub fn translate(from: &Frame, to: &Frame, scene: &Scene, light: u32) -> u32 {
 }
 
 /// The point `uv` (two 16-bit numbers) of light `light`. Evaluated from the quantised numbers, so that every reader
-/// of a stored sample sees the same point. Without `TEXTURES` only the place is right: emission has no texture and no
+/// of a stored sample sees the same point. Without `IMAGES` only the place is right: emission has no texture and no
 /// holes then. [`LightPoint::NONE`] for an id that does not exist.
 #[inline(always)]
-pub fn evaluate<const TEXTURES: bool, const ENVIRONMENT: bool>(
+pub fn evaluate<const IMAGES: bool, const ENVIRONMENT: bool>(
     frame: &Frame,
     scene: &Scene,
     light: u32,
@@ -218,12 +218,12 @@ pub fn evaluate<const TEXTURES: bool, const ENVIRONMENT: bool>(
     if ENVIRONMENT && (light & ENVIRONMENT_BIT) != 0 {
         return evaluate_environment(frame, scene, light, uv);
     }
-    evaluate_at::<TEXTURES, ENVIRONMENT>(frame, scene, find(frame, scene, light), uv)
+    evaluate_at::<IMAGES, ENVIRONMENT>(frame, scene, find(frame, scene, light), uv)
 }
 
 /// [`evaluate`] for an emissive triangle or a shape whose place is known; `SHAPES`: whether there may be shapes.
 #[inline(always)]
-pub fn evaluate_at<const TEXTURES: bool, const SHAPES: bool>(
+pub fn evaluate_at<const IMAGES: bool, const SHAPES: bool>(
     frame: &Frame,
     scene: &Scene,
     place: Place,
@@ -232,7 +232,7 @@ pub fn evaluate_at<const TEXTURES: bool, const SHAPES: bool>(
     if SHAPES && scene.shape_of(frame, place.instance) != shape::TRIANGLES {
         return evaluate_shape(frame, scene, place, uv);
     }
-    evaluate_triangle::<TEXTURES>(frame, scene, place, uv)
+    evaluate_triangle::<IMAGES>(frame, scene, place, uv)
 }
 
 /// [`evaluate`] for a shape: uniform over its area in (u, v), if it has one.
@@ -311,14 +311,14 @@ pub fn evaluate_environment(frame: &Frame, scene: &Scene, light: u32, uv: u32) -
 
 /// [`evaluate`] for an emissive triangle whose place is known.
 #[inline(always)]
-pub fn evaluate_triangle<const TEXTURES: bool>(frame: &Frame, scene: &Scene, place: Place, uv: u32) -> LightPoint {
+pub fn evaluate_triangle<const IMAGES: bool>(frame: &Frame, scene: &Scene, place: Place, uv: u32) -> LightPoint {
     let Place { instance, triangle } = place;
     let (u, v) = (unorm16_center(uv), unorm16_center(uv >> 16));
     let vertices = scene.world_triangle(frame, instance, triangle);
     let material = scene.material_of(frame, instance, triangle);
     let (b, c) = square_to_triangle(u, v);
     let mut radiance = scene.emission(frame, instance, material);
-    if TEXTURES {
+    if IMAGES {
         let map = scene.material_word(material, material_record::EMISSION_TEXTURE);
         if map != NO_TEXTURE {
             radiance *= texture::rgb_at(frame, scene, map, scene.uv_at(frame, instance, triangle, b, c));

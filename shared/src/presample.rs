@@ -142,7 +142,7 @@ impl LightRecord {
 
 /// A light by power or uniformly, and a point on it.
 #[inline(always)]
-fn draw<const TEXTURES: bool, const SHAPES: bool>(
+fn draw<const IMAGES: bool, const SHAPES: bool>(
     frame: &Frame,
     scene: &Scene,
     lights: &[u32],
@@ -151,7 +151,7 @@ fn draw<const TEXTURES: bool, const SHAPES: bool>(
 ) -> LightRecord {
     let picked = light::pick(frame, scene, lights, bits);
     let place = light::place_of(frame, scene, picked.address);
-    let point = light::evaluate_at::<TEXTURES, SHAPES>(frame, scene, place, uv);
+    let point = light::evaluate_at::<IMAGES, SHAPES>(frame, scene, place, uv);
     let light = light::light_at(frame, scene, picked.address);
     LightRecord::new(light, uv, picked.address, picked.pmf, 1.0, &point)
 }
@@ -160,7 +160,7 @@ fn draw<const TEXTURES: bool, const SHAPES: bool>(
 /// over its triangles, if there is but one emitter), so that one of them that is chosen uniformly has the law of the table.
 /// `frame.presampled_columns` must be a power of two for the parts to be equal.
 #[inline(always)]
-pub fn tile_record<const TEXTURES: bool, const SHAPES: bool>(
+pub fn tile_record<const IMAGES: bool, const SHAPES: bool>(
     at: UVec2,
     frame: &Frame,
     scene: &Scene,
@@ -181,7 +181,7 @@ pub fn tile_record<const TEXTURES: bool, const SHAPES: bool>(
     } else {
         [first, second, start + multiply_high(third, part), fourth]
     };
-    draw::<TEXTURES, SHAPES>(frame, scene, lights, rng.next_word(), bits)
+    draw::<IMAGES, SHAPES>(frame, scene, lights, rng.next_word(), bits)
 }
 
 /// The tile of a block of 8x8 pixels.
@@ -274,7 +274,7 @@ fn importance<const SHAPES: bool>(point: &LightPoint, center: Vec3, radius: f32)
 /// Record `at.x` of cell `at.y`: one of `frame.cell_candidates` lights, drawn by power, in proportion to what they may
 /// matter in the cell.
 #[inline(always)]
-pub fn cell_record<const TEXTURES: bool, const SHAPES: bool>(
+pub fn cell_record<const IMAGES: bool, const SHAPES: bool>(
     at: UVec2,
     frame: &Frame,
     scene: &Scene,
@@ -293,7 +293,7 @@ pub fn cell_record<const TEXTURES: bool, const SHAPES: bool>(
         let uv = rng.next_word();
         let picked = light::pick(frame, scene, lights, rng.next_four());
         let place = light::place_of(frame, scene, picked.address);
-        let point = light::evaluate_at::<TEXTURES, SHAPES>(frame, scene, place, uv);
+        let point = light::evaluate_at::<IMAGES, SHAPES>(frame, scene, place, uv);
         let target = importance::<SHAPES>(&point, center, radius);
         let light = light::light_at(frame, scene, picked.address);
         let density = picked.pmf * frame.cell_candidates as f32;
@@ -307,7 +307,7 @@ pub fn cell_record<const TEXTURES: bool, const SHAPES: bool>(
         return LightRecord::EMPTY.with_fault(fault);
     }
     let address = light::address_of(frame, scene, light);
-    let point = light::evaluate_at::<TEXTURES, SHAPES>(frame, scene, light::place_of(frame, scene, address), uv);
+    let point = light::evaluate_at::<IMAGES, SHAPES>(frame, scene, light::place_of(frame, scene, address), uv);
     LightRecord::new(light, uv, address, pmf, scale, &point).with_fault(fault)
 }
 

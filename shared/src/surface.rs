@@ -46,6 +46,12 @@ impl Surface {
         self.instance & PRESENT == 0
     }
 
+    /// Whether the surface reflects nothing, from wherever it is lit.
+    #[inline(always)]
+    pub fn is_black(&self) -> bool {
+        self.diffuse() == Vec3::ZERO && self.specular_rg == 0 && self.specular_b_roughness & 0xffff == 0
+    }
+
     /// The instance that the surface is part of.
     #[inline(always)]
     pub fn instance(&self) -> u32 {

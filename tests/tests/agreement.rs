@@ -115,7 +115,7 @@ fn cases() -> Vec<Case> {
         plain_case(),
         Case::new(&scenes::cornell(), Technique::RealTime, &["rays=quality", "shade.sum=off"]),
         Case::new(&scenes::studio(), Technique::RealTime, &["rays=quality"]),
-        Case::new(&scenes::studio(), Technique::Still, &["candidates.source=tiles"]),
+        Case::new(&scenes::studio(), Technique::Still, &["candidates.source=tiles", "skip.presampling=off"]),
         Case::new(&scenes::studio(), Technique::RealTime, &["candidates.source=cells", "candidates.count=2"]),
         Case::new(&scenes::studio(), Technique::Candidates, &["candidates.source=tree", "candidates.count=2"]),
         of_variety(Technique::Candidates, &["candidates.source=uniform", "candidates.count=2", "candidates.bsdf=0"]),
@@ -153,7 +153,14 @@ fn cases() -> Vec<Case> {
         ),
         of_variety(
             Technique::Candidates,
-            &["candidates.source=tiles", "candidates.count=3", "candidates.tree=1", "tiles.count=3", "tiles.size=16"],
+            &[
+                "candidates.source=tiles",
+                "candidates.count=3",
+                "candidates.tree=1",
+                "tiles.count=3",
+                "tiles.size=16",
+                "skip.presampling=off",
+            ],
         ),
         of_variety(
             Technique::Candidates,
@@ -180,6 +187,13 @@ fn cases() -> Vec<Case> {
                 "skip.instances=off",
                 "skip.specular=off",
                 "skip.updates=off",
+                "skip.masks=off",
+                "skip.emission_images=off",
+                "skip.few=off",
+                "skip.known=off",
+                "skip.black=off",
+                "skip.trees=off",
+                "skip.primary=off",
             ],
         ),
         of_variety(

@@ -145,8 +145,8 @@ fn frame_fields() -> Fields {
         cell_size,
         cell_candidates,
         light_cuts_at,
-        padding_y,
-        padding_z,
+        not_skipped,
+        found_moment,
         padding_w,
     })
 }

@@ -111,12 +111,21 @@ fn resampled_candidates_have_the_mean_of_the_reference() {
             &["candidates.count=4", "candidates.source=uniform"],
             // Alone: on `variety` one candidate for the sky, and one for six lamps; on `studio` one for the moon, and one for
             // six other lights.
-            &["candidates.count=1", "candidates.source=tiles", "candidates.bsdf=0", "tiles.count=16", "tiles.size=64"],
+            &[
+                "candidates.count=1",
+                "candidates.source=tiles",
+                "candidates.bsdf=0",
+                "tiles.count=16",
+                "tiles.size=64",
+                "skip.presampling=off",
+            ],
             &["candidates.count=1", "candidates.source=cells", "candidates.bsdf=0", "cells.slots=4"],
             &["candidates.count=1", "candidates.source=tree", "candidates.bsdf=0"],
             &["candidates.count=1", "candidates.source=cuts", "candidates.bsdf=0"],
             &["candidates.count=4", "reservoirs.choice=inversion"],
             &["candidates.count=32"],
+            &["candidates.count=32", "skip.few=off"],
+            &["candidates.count=1", "candidates.source=tiles", "candidates.bsdf=0"],
         ] {
             let result = passes(&scene, samples, 1, knobs);
             match compare(&result, &judge) {

@@ -51,7 +51,7 @@ const KNOWN: &[(&str, Technique, &str)] = &[
 const SOURCES: &[&str] = &[
     "candidates.source=uniform",
     "candidates.source=power",
-    "candidates.source=tiles",
+    "candidates.source=tiles,skip.presampling=off",
     "candidates.source=cells",
     "candidates.source=tree",
     "candidates.source=cuts",

@@ -97,6 +97,7 @@ fn rungs_change_nothing_that_a_plan_depends_on() {
         records: [1; 2],
         has: vec![Need::Lights],
         features: Vec::new(),
+        spared: Vec::new(),
     };
     for preset in Preset::ALL {
         let plan = |settings: &Settings| {

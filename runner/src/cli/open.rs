@@ -87,14 +87,16 @@ pub fn camera_of(arguments: &SceneArguments, scene: &Scene) -> Result<Camera, Sc
 /// [`read`], then packs the scene and settles on a camera.
 pub fn open(arguments: &SceneArguments) -> anyhow::Result<Opened> {
     let (scene, settings) = read(arguments)?;
-    let camera = camera_of(arguments, &scene)?;
+    pack(arguments, &scene, settings)
+}
+
+/// Packs a scene for these settings and settles on a camera.
+pub fn pack(arguments: &SceneArguments, scene: &Scene, settings: Settings) -> anyhow::Result<Opened> {
+    let camera = camera_of(arguments, scene)?;
     let start = Instant::now();
-    let packed = PackedScene::with(
-        &scene,
-        &Moment { time_s: settings.time_s, ..Moment::default() },
-        PackOptions::of(&settings),
-    )?;
-    if packed.has().is_empty() {
+    let packed =
+        PackedScene::with(scene, &Moment { time_s: settings.time_s, ..Moment::default() }, PackOptions::of(&settings))?;
+    if !packed.content.shines() {
         tracing::warn!("{}: nothing emits light; only `Ke`, a file of lights and an environment map do", scene.name);
     }
     tracing::info!(
@@ -102,5 +104,5 @@ pub fn open(arguments: &SceneArguments) -> anyhow::Result<Opened> {
         start.elapsed().as_secs_f64(),
         packed.bytes() as f64 / f64::from(1 << 20)
     );
-    Ok(Opened { name: scene.name, packed, camera, settings })
+    Ok(Opened { name: scene.name.clone(), packed, camera, settings })
 }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use weir_shader::wiring::{Access, Band, Buffers};
 use weir_shared::frame::FramePair;
 
-use super::{AlignedBytes, SceneBuffers};
+use super::{AlignedBytes, SceneBuffers, View};
 use crate::graph::{Plan, Planned, Slot};
 
 /// Order in which the pixels of a pass are computed. The picture is the same; a test says so.
@@ -39,6 +39,7 @@ enum Place {
 pub struct CpuExecutor {
     buffers: BTreeMap<Place, AlignedBytes>,
     frames: usize,
+    view: View,
     /// Order of the pixels.
     pub order: Order,
 }
@@ -56,7 +57,7 @@ impl CpuExecutor {
             }
         }
         buffers.insert(Place::Zero, AlignedBytes::zeroed(plan.zero_bytes as usize));
-        Self { buffers, frames: 0, order: Order::default() }
+        Self { buffers, frames: 0, view: View::default(), order: Order::default() }
     }
 
     /// Where a slot is in frame number `frame` of this executor.
@@ -72,12 +73,15 @@ impl CpuExecutor {
 
     /// Runs one frame; returns the time of each step.
     pub fn run(&mut self, plan: &Plan, scene: SceneBuffers<'_>, frames: &FramePair) -> Vec<(&'static str, Duration)> {
+        let is_view_kept = self.view.is_kept(&frames.now);
         let times = plan
             .steps
             .iter()
             .map(|step| {
                 let start = Instant::now();
-                self.run_step(step, scene, frames);
+                if !(is_view_kept && step.is_kept) {
+                    self.run_step(step, scene, frames);
+                }
                 (step.pass.name, start.elapsed())
             })
             .collect();

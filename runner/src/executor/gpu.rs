@@ -20,7 +20,7 @@ pub use memory::GpuScene;
 pub use pipelines::{Loader, Module};
 
 use self::{memory::Memory, pipelines::Compiled, timing::Timer};
-use super::{AlignedBytes, SceneBuffers};
+use super::{AlignedBytes, SceneBuffers, View};
 use crate::graph::{Plan, Slot};
 
 /// Frames that may wait for the GPU; more would add delay and nothing else.
@@ -39,6 +39,7 @@ pub struct GpuExecutor {
     timers: Vec<Timer>,
     times: Vec<(&'static str, Duration)>,
     frames: usize,
+    view: View,
 }
 
 impl GpuExecutor {
@@ -113,6 +114,7 @@ impl GpuExecutor {
             timers,
             times: Vec::new(),
             frames: 0,
+            view: View::default(),
         })
     }
 
@@ -130,7 +132,8 @@ impl GpuExecutor {
             self.retire()?;
         }
         let timer = self.frames % FRAMES_IN_FLIGHT;
-        let commands = self.record(self.timers.get(timer));
+        let is_view_kept = self.view.is_kept(&frames.now);
+        let commands = self.record(self.timers.get(timer), is_view_kept);
         // In the queue's order: frames in flight still see their own.
         for round in 0..self.plan.rounds() {
             let mut copy = *frames;
@@ -146,15 +149,18 @@ impl GpuExecutor {
         self.gpu.check()
     }
 
-    fn record(&self, timer: Option<&Timer>) -> wgpu::CommandBuffer {
+    fn record(&self, timer: Option<&Timer>, is_view_kept: bool) -> wgpu::CommandBuffer {
         let groups = |places: u32| places.div_ceil(pipelines::WORKGROUP);
         let mut encoder =
             self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
-        for (i, step) in self.steps.iter().enumerate() {
+        for (i, (step, planned)) in self.steps.iter().zip(&self.plan.steps).enumerate() {
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some(step.pass),
                 timestamp_writes: timer.map(|timer| timer.around(i)),
             });
+            if is_view_kept && planned.is_kept {
+                continue;
+            }
             pass.set_pipeline(&step.pipeline);
             pass.set_bind_group(0, &step.bind_groups[self.frames & 1], &[]);
             let grid = self.plan.facts.grid(step.extent);
@@ -249,6 +255,7 @@ impl GpuExecutor {
     /// If the device fails.
     pub fn poison(&mut self) -> Result<(), GpuError> {
         self.finish()?;
+        self.view = View::default();
         let pool = (0..self.plan.pool.len()).map(Slot::Pool);
         let slots = pool.chain((0..self.plan.history.len()).map(Slot::Current));
         for slot in slots {

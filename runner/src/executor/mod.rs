@@ -7,6 +7,47 @@ pub mod gpu;
 pub use either::{Backend, Executor};
 
 use bytemuck::Pod;
+use weir_shared::frame::Frame;
+
+/// What the camera of an executor's frames has seen.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct View {
+    last: Option<Frame>,
+    /// How many frames before the last have seen the same as it.
+    same: u32,
+}
+
+impl View {
+    /// Takes note of the next frame; whether it sees what both frames before it have seen, so that both halves of a doubled
+    /// buffer hold what its camera rays would find.
+    pub fn is_kept(&mut self, now: &Frame) -> bool {
+        let is_same = self.last.is_some_and(|last| sees_the_same(&last, now));
+        self.same = if is_same { self.same.saturating_add(1) } else { 0 };
+        self.last = Some(*now);
+        self.same >= 2
+    }
+}
+
+/// Whether camera rays find the same in two frames of one scene: those through the centers of pixels, from the same place,
+/// of what has not moved since.
+fn sees_the_same(a: &Frame, b: &Frame) -> bool {
+    let seen = |frame: &Frame| Frame {
+        width: frame.width,
+        height: frame.height,
+        seed: if frame.jitter == 0 { 0 } else { frame.index },
+        camera_origin: frame.camera_origin,
+        camera_right: frame.camera_right,
+        camera_up: frame.camera_up,
+        camera_forward: frame.camera_forward,
+        found_moment: frame.found_moment,
+        environment_cos: frame.environment_cos,
+        environment_sin: frame.environment_sin,
+        environment_scale: frame.environment_scale,
+        jitter: frame.jitter,
+        ..Frame::default()
+    };
+    bytemuck::bytes_of(&seen(a)) == bytemuck::bytes_of(&seen(b))
+}
 
 /// The buffers of a scene, by the names of the resource table.
 #[derive(Clone, Copy)]

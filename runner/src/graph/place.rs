@@ -44,6 +44,12 @@ pub(super) fn place(
             }
         }
     }
+    // What is kept is read in the next frame as well.
+    for name in live.iter().filter(|l| l.is_kept).flat_map(|l| l.resolved.names(Access::Write)) {
+        if let Some(span) = spans.get_mut(name) {
+            *span = Span { first: 0, last: live.len() };
+        }
+    }
     // Outputs are read after the last step.
     for name in outputs {
         if let Some(span) = spans.get_mut(name) {
@@ -98,6 +104,7 @@ pub(super) fn place(
             slots: l.resolved.uses.iter().map(|u| (u.access, slot(&u.resource, u.previous))).collect(),
             names: l.resolved.uses.iter().map(|u| u.name).collect(),
             round: l.round,
+            is_kept: l.is_kept,
         })
         .collect();
     let outputs = outputs.iter().map(|&name| (name, slot(find(name), false))).collect();

@@ -3,7 +3,7 @@
 //! All of it lies in two blocks of each buffer, one for the frame that is computed and one for the frame before it, which
 //! reuse in time asks about. The blocks take turns.
 
-use std::{collections::HashMap, time::Instant};
+use std::{collections::HashMap, ops::Range, time::Instant};
 
 use glam::{Mat4, Vec3};
 use weir_shared::{
@@ -12,7 +12,7 @@ use weir_shared::{
 };
 
 use super::{
-    Changed, PackError, PackedScene,
+    Changed, PackError, PackOptions, PackedScene,
     geometry::PackedMesh,
     light_cuts,
     light_tree::{self, LightBounds},
@@ -64,12 +64,14 @@ pub(super) struct MeshStart {
 pub(super) struct Capacity {
     instances: usize,
     emitters: usize,
+    /// Whether there is a light tree.
+    pub(super) has_tree: bool,
     /// Whether there is a tree for cuts.
     pub(super) has_cuts: bool,
 }
 
 impl Capacity {
-    pub(super) fn of(scene: &Scene, meshes: &[PackedMesh], has_cuts: bool) -> Result<Self, PackError> {
+    pub(super) fn of(scene: &Scene, meshes: &[PackedMesh], options: PackOptions) -> Result<Self, PackError> {
         let has_any = |m: &&PackedMesh| !m.triangles.is_empty() || m.shape.is_some();
         let drawn = || scene.instances.iter().map(|i| &meshes[i.mesh as usize]).filter(has_any);
         let lights: u64 = drawn().map(|m| m.lights.len() as u64).sum();
@@ -77,7 +79,8 @@ impl Capacity {
             return Err(PackError::TooManyLights(lights));
         }
         let emitters = drawn().filter(|m| !m.lights.is_empty()).count();
-        Ok(Self { instances: drawn().count(), emitters, has_cuts: has_cuts && emitters > 0 })
+        let (has_tree, has_cuts) = (options.light_tree && emitters > 0, options.light_cuts && emitters > 0);
+        Ok(Self { instances: drawn().count(), emitters, has_tree, has_cuts })
     }
 
     /// Words of a block of `records`: instances, their order in the top level, emitters, the guide to them.
@@ -93,7 +96,7 @@ impl Capacity {
 
     /// Words of the light tree over emitters, which follows it.
     pub(super) fn tree_words(&self) -> usize {
-        light_tree::capacity_words(self.emitters)
+        if self.has_tree { light_tree::capacity_words(self.emitters) } else { 0 }
     }
 
     /// Words of the tree for cuts over emitters, which follows that.
@@ -120,6 +123,8 @@ pub(super) struct Dynamics {
     drawn: Vec<u32>,
     /// Words of the light tree over emitters.
     tree_words: usize,
+    /// Whether that tree is of the moment shown.
+    is_tree_current: bool,
     pub(super) is_dynamic: bool,
     pub(super) has_lights: bool,
 }
@@ -132,18 +137,24 @@ impl Dynamics {
         is_dynamic: bool,
         has_lights: bool,
     ) -> Self {
-        Self { top, starts, capacity, half: 1, shown: None, drawn: Vec::new(), tree_words: 0, is_dynamic, has_lights }
+        Self {
+            top,
+            starts,
+            capacity,
+            half: 1,
+            shown: None,
+            drawn: Vec::new(),
+            tree_words: 0,
+            is_tree_current: false,
+            is_dynamic,
+            has_lights,
+        }
     }
 
     /// Words of the light tree over emitters.
     #[cfg(test)]
     pub(super) fn tree_words(&self) -> usize {
         self.tree_words
-    }
-
-    /// Whether any instance is a shape.
-    pub(super) fn has_shapes(&self) -> bool {
-        self.top.has_shapes()
     }
 
     /// The instances of a moment, those with nothing to see left out.
@@ -182,7 +193,9 @@ impl PackedScene {
         let same = self.dynamics.shown.as_ref().is_some_and(|shown| {
             shown == moment || (!self.moves() && Moment { time_s: moment.time_s, ..shown.clone() } == *moment)
         });
-        if same { Ok(Vec::new()) } else { self.show_anew(moment) }
+        let lacks_tree =
+            self.dynamics.capacity.has_tree && self.tree_update.is_some() && !self.dynamics.is_tree_current;
+        if same && !lacks_tree { Ok(Vec::new()) } else { self.show_anew(moment) }
     }
 
     /// [`PackedScene::advance`], even to the moment that is shown already.
@@ -212,6 +225,8 @@ impl PackedScene {
 
         let emission_of: HashMap<u32, Vec3> = moment.emission.iter().copied().collect();
         let mut first_light = 0;
+        let mut is_found_alike = self.dynamics.shown.is_some() && drawn == self.dynamics.drawn;
+        let block_before = self.dynamics.half * capacity.record_words();
         let (mut emitters, mut weights, mut bounds) = (Vec::new(), Vec::new(), Vec::new());
         for (slot, (&instance, (world_from_object, object_from_world))) in
             drawn.iter().zip(&placed.transforms).enumerate()
@@ -238,6 +253,17 @@ impl PackedScene {
             record[instance_record::COUNTERPART as usize] = NO_INSTANCE;
             record[instance_record::LIGHT_TREE_AT as usize] = start.light_tree_at;
             record[instance_record::LIGHT_CUTS_AT as usize] = start.light_cuts_at;
+            if start.shape.is_none() && is_found_alike {
+                let of = |block: usize, words: Range<u32>| {
+                    let at = block + slot * instance_record::WORDS as usize;
+                    &self.records[at + words.start as usize..at + words.end as usize]
+                };
+                let place = instance_record::WORLD_FROM_OBJECT..instance_record::WORLD_FROM_OBJECT + 12;
+                let scale = instance_record::EMISSION_SCALE..instance_record::EMISSION_SCALE + 3;
+                is_found_alike =
+                    [place, scale].into_iter().all(|words| of(block, words.clone()) == of(block_before, words));
+            }
+            let record = &mut self.records[block + slot * words..][..words];
             if start.light_count > 0 {
                 emitters.extend([first_light, slot as u32]);
                 let gain = f64::from(emission.element_sum() / 3.0);
@@ -273,12 +299,19 @@ impl PackedScene {
         self.light_costs.table.update = start.elapsed();
         let start = Instant::now();
         let tree_at = capacity.table_words();
-        if self.tree_update == TreeUpdate::Refit && self.dynamics.shown.is_some() && drawn == self.dynamics.drawn {
-            light_tree::refit(&mut self.lights[tree_at..][..self.dynamics.tree_words], &bounds);
-        } else {
-            let (tree, _) = light_tree::build(&bounds);
-            self.lights[tree_at..][..tree.len()].copy_from_slice(&tree);
-            self.dynamics.tree_words = tree.len();
+        let can_refit = self.dynamics.is_tree_current && drawn == self.dynamics.drawn;
+        match self.tree_update.filter(|_| capacity.has_tree) {
+            Some(TreeUpdate::Refit) if can_refit => {
+                light_tree::refit(&mut self.lights[tree_at..][..self.dynamics.tree_words], &bounds);
+                self.dynamics.is_tree_current = true;
+            }
+            Some(_) => {
+                let (tree, _) = light_tree::build(&bounds);
+                self.lights[tree_at..][..tree.len()].copy_from_slice(&tree);
+                self.dynamics.tree_words = tree.len();
+                self.dynamics.is_tree_current = true;
+            }
+            None => self.dynamics.is_tree_current = false,
         }
         self.light_costs.tree.update = start.elapsed();
         let cuts_at = tree_at + capacity.tree_words();
@@ -302,6 +335,7 @@ impl PackedScene {
         self.frame.light_guide_shift = guide_shift;
         self.frame.emitter_count = weights.len() as u32;
         self.frame.light_count = first_light;
+        self.frame.found_moment = self.frame.found_moment.wrapping_add(u32::from(!is_found_alike));
         self.frame.top_root = (first_row / 5) as u32;
         self.bounds = placed.bounds.map(|corner| corner + self.origin);
         self.dynamics.half = half;

@@ -93,7 +93,7 @@ fn instances_are_found_where_they_stand_and_mirrored_lights_keep_their_front() {
         })
         .collect();
     let mut packed = PackedScene::new(&scene, 0.0).expect("packs");
-    assert!(packed.features.contains(&Feature::INSTANCES) && packed.moves());
+    assert!(packed.content.instances && packed.moves());
     assert_eq!(packed.frame.light_count, 20 * 30);
     for time in [0.0, 0.25] {
         packed.set_time(time).expect("moves");
@@ -198,7 +198,7 @@ fn the_fast_path_finds_the_same_bits_as_the_plain_one() {
         }
     }
     let packed = PackedScene::new(&scene, 0.0).expect("packs");
-    assert!(!packed.features.contains(&Feature::INSTANCES));
+    assert!(!packed.content.instances);
     let hits = hits_on_both_paths::<false>(&packed);
     assert!(hits > 5_000, "{hits} hits are too few to compare");
 
@@ -211,7 +211,7 @@ fn the_fast_path_finds_the_same_bits_as_the_plain_one() {
         })
         .collect();
     let packed = PackedScene::new(&scene, 0.0).expect("packs");
-    assert!(packed.features.contains(&Feature::INSTANCES));
+    assert!(packed.content.instances);
     let hits = hits_on_both_paths::<true>(&packed);
     assert!(hits > 5_000, "{hits} hits are too few to compare");
 }
@@ -219,7 +219,7 @@ fn the_fast_path_finds_the_same_bits_as_the_plain_one() {
 #[test]
 fn a_scene_without_triangles_packs_and_every_ray_misses() {
     let packed = PackedScene::new(&Scene::default(), 0.0).expect("packs");
-    assert!(packed.has().is_empty() && packed.frame.light_count == 0);
+    assert!(!packed.content.shines() && packed.frame.light_count == 0);
     let ray = Ray { origin: Vec3::ZERO, direction: Vec3::X, t_max: FAR };
     assert!(closest_hit::<false, true>(&packed.frame, &view(&packed), &packed.bvh, &ray).is_miss());
 }

@@ -23,7 +23,7 @@ use crate::{
 /// If the size is refused.
 pub fn layers(packed: &PackedScene, request: &Request, rendered: &Rendered) -> Result<Layers, RenderError> {
     let facts = facts_of(packed, request.width, request.height, &request.settings);
-    let outputs: &[&str] = if packed.has().is_empty() { &["surfaces"] } else { &["surfaces", "fresh"] };
+    let outputs: &[&str] = if !packed.content.shines() { &["surfaces"] } else { &["surfaces", "fresh"] };
     let plan = direct_light(Technique::Candidates, &request.settings, &facts, request.curve, outputs)?;
     let mut executor = CpuExecutor::new(&plan);
     let frame = Frame { jitter: 0, ..frame_of(packed, request) };

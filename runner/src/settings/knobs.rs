@@ -482,9 +482,21 @@ pub const KNOBS: &[Knob] = &[
     },
     skip!("absent", Absent, "passes for lights or emitters, where the scene has none"),
     skip!("unread", Unread, "passes whose results nothing reads, and their memory"),
-    skip!("textures", Textures, "code for images and alpha masks, where no material has any"),
+    skip!("textures", Textures, "code for images, where no material has any"),
+    skip!("masks", Masks, "code for alpha masks, where no material has any"),
+    skip!("emission_images", EmissionImages, "code for images of what emits, where nothing that emits has any"),
     skip!("environment", Environment, "code for lights other than triangles, where there are none"),
     skip!("instances", Instances, "code for the space of instances, where there is one, in place"),
     skip!("specular", Specular, "code for specular lobes, where every material is Lambert's"),
+    skip!("few", Few, "drawing lights, where each can be a candidate"),
+    skip!(
+        "presampling",
+        Presampling,
+        "tiles, where a cache holds the light tables and pixels draw fewer lights than tiles hold"
+    ),
+    skip!("known", Known, "shadow rays to samples that are known to be visible"),
+    skip!("black", Black, "candidates and rays by the BSDF, where a surface reflects nothing"),
+    skip!("trees", Trees, "light trees, where no candidate comes down one"),
     skip!("updates", Updates, "light tables, trees and uploads for a frame that shows the moment of the last"),
+    skip!("primary", Primary, "camera rays of a frame that sees what the last two have seen, with `camera.jitter=off`"),
 ];

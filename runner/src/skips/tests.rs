@@ -1,11 +1,13 @@
-use glam::Vec3;
+use glam::{Mat4, Vec3};
+use weir_shared::{frame::FramePair, reservoir::Reservoir, surface::Surface};
 
 use super::*;
 use crate::{
-    executor::cpu::Order,
-    packed::PackedScene,
+    executor::cpu::{CpuExecutor, Order},
+    packed::{Moment, PackOptions, PackedScene},
     render::{Backend, Request, facts_of},
     scene::{Scene, builtin},
+    sequence::{Sequence, Shot},
     settings::Settings,
     technique::{Technique, ToneCurve, direct_light},
 };
@@ -14,8 +16,22 @@ fn built_in(name: &str) -> Scene {
     (builtin::BUILTIN.iter().find(|scene| scene.name == name).expect("a built-in scene").build)()
 }
 
-/// Scenes that lack this and that: all but triangles in place; nothing that emits; a material that mirrors; shapes and
-/// images; instances that move.
+fn settings(knobs: &[&str]) -> Settings {
+    let mut settings = Settings::default();
+    knobs.iter().for_each(|knob| settings.apply(knob).expect("a knob"));
+    settings
+}
+
+/// Cornell with walls that reflect nothing.
+fn with_black() -> Scene {
+    let mut black = built_in("cornell");
+    let material = black.meshes[0].materials[0] as usize;
+    (black.materials[material].base_color, black.materials[material].specular) = (Vec3::ZERO, Vec3::ZERO);
+    black
+}
+
+/// Scenes that lack this and that: all but triangles in place; nothing that emits; a material that mirrors; one that
+/// reflects nothing; shapes and images; instances that move.
 fn scenes() -> Vec<(&'static str, Scene)> {
     let mut dark = built_in("cornell");
     dark.materials.iter_mut().for_each(|material| material.emission = Vec3::ZERO);
@@ -35,76 +51,308 @@ fn scenes() -> Vec<(&'static str, Scene)> {
         ("no light", dark),
         ("a sky alone", sky),
         ("gloss", glossy),
+        ("black", with_black()),
         ("studio", built_in("studio")),
     ]
 }
 
 #[test]
-fn no_rule_changes_a_picture_by_a_bit() {
+fn no_rule_changes_a_picture_by_a_bit_but_those_that_draw_otherwise() {
     for (name, scene) in scenes() {
         let camera = scene.camera.expect("it has one");
         for (technique, knobs) in [
             (Technique::RealTime, &[] as &[&str]),
             (Technique::RealTime, &["scene.time_step=0", "rays=quality", "candidates.source=tiles", "tiles.size=8"]),
+            (Technique::RealTime, &["scene.time_step=0", "camera.jitter=off", "preset=paper"]),
             (Technique::RealTime, &["candidates.source=cells", "cells.slots=1", "spatial.rounds=1", "rays=speed"]),
             (Technique::Still, &[]),
+            (Technique::Still, &["camera.jitter=off", "candidates.count=9"]),
             (Technique::Candidates, &["candidates.source=tree", "reservoirs.choice=inversion"]),
         ] {
-            let mut packed = PackedScene::new(&scene, 0.0).expect("it fits");
-            let mut settings = Settings::default();
-            knobs.iter().for_each(|knob| settings.apply(knob).expect("a knob"));
-            let request = Request::new(camera, [33, 20], technique, settings);
-            let found = costs(&mut packed, &request, &Backend::Cpu(Order::default()), 1).expect("frames");
-            assert_eq!(found.len(), Rule::ALL.len() + 2);
+            let request = Request::new(camera, [33, 20], technique, settings(knobs));
+            let found = costs(&scene, &request, &Backend::Cpu(Order::default()), 1).expect("frames");
+            assert_eq!(found.len(), Rule::ALL.len() + 3);
             for Cost { skips, different, .. } in &found {
-                assert_eq!(*different, 0, "{name}, {technique}, {knobs:?}: {skips:?}");
+                let draws_apart = [Rule::Few, Rule::Presampling].iter().filter(|rule| skips.is_on(**rule)).count();
+                let is_compared = draws_apart != 1 && *skips != found[found.len() - 2].skips;
+                assert_eq!(*different, is_compared.then_some(0), "{name}, {technique}, {knobs:?}: {skips:?}");
             }
             let [none, .., all] = found.as_slice() else { unreachable!("more than two") };
-            assert!(all.frame_bytes <= none.frame_bytes, "{name}: {all:?} {none:?}");
+            // What is kept from frame to frame has memory of its own.
+            assert!(all.frame_bytes <= none.frame_bytes + 33 * 20 * 64, "{name}: {all:?} {none:?}");
+            assert!(all.scene_bytes <= none.scene_bytes, "{name}: {all:?} {none:?}");
         }
     }
 }
 
-/// Each rule, where there is something to leave out, leaves something out.
+fn plan_of(skips: Skips, knobs: &[&str], packed: &PackedScene) -> crate::graph::Plan {
+    let settings = Settings { skips, ..settings(knobs) };
+    let facts = facts_of(packed, 16, 16, &settings);
+    direct_light(Technique::RealTime, &settings, &facts, ToneCurve::default(), &["moments"]).expect("a frame")
+}
+
+/// Each rule for code and passes, where there is something to leave out, leaves something out.
 #[test]
-fn every_rule_leaves_out_what_it_says() {
+fn every_rule_for_passes_leaves_out_what_it_says() {
     let packed = PackedScene::new(&built_in("cornell"), 0.0).expect("it fits");
-    let plan = |skips: Skips, packed: &PackedScene| {
-        let settings = Settings { skips, ..Settings::default() };
-        let facts = facts_of(packed, 16, 16, &settings);
-        direct_light(Technique::RealTime, &settings, &facts, ToneCurve::default(), &["moments"]).expect("a frame")
-    };
     let mut plain = built_in("cornell");
     plain.instances.truncate(1);
     plain.materials.iter_mut().for_each(|material| (material.metallic, material.specular) = (0.0, Vec3::ZERO));
     let plain = PackedScene::new(&plain, 0.0).expect("it fits");
-    let with = plan(Skips::default(), &plain);
+    let with = plan_of(Skips::default(), &[], &plain);
     assert!(with.facts.features.is_empty(), "{:?}", with.facts.features);
     for feature in FEATURES {
-        let without = plan(Skips::default().with(Rule::of(feature), false), &plain);
+        let without = plan_of(Skips::default().with(Rule::of(feature), false), &[], &plain);
         assert_eq!(without.facts.features, [feature]);
         assert_eq!(without.left_out().len() + 1, with.left_out().len(), "{feature:?}");
     }
 
-    let with = plan(Skips::default(), &packed);
+    let with = plan_of(Skips::default(), &[], &packed);
     assert!(!with.pass_names().contains(&"display_agx"), "nobody reads it");
-    let unread = plan(Skips::default().with(Rule::Unread, false), &packed);
+    let unread = plan_of(Skips::default().with(Rule::Unread, false), &[], &packed);
     assert!(unread.pass_names().contains(&"display_agx") && unread.frame_bytes() >= with.frame_bytes());
+
+    let tiles = &["candidates.source=tiles"];
+    let with = plan_of(Skips::default(), tiles, &packed);
+    assert!(!with.pass_names().contains(&"presample_tiles"), "256 pixels, 131072 records");
+    let few = &["candidates.source=tiles", "tiles.count=2", "tiles.size=8"];
+    assert!(plan_of(Skips::default(), few, &packed).pass_names().contains(&"presample_tiles"));
+    let without = plan_of(Skips::default().with(Rule::Presampling, false), tiles, &packed);
+    assert!(without.pass_names().contains(&"presample_tiles") && without.frame_bytes() > with.frame_bytes());
 
     let (_, dark) = scenes().swap_remove(1);
     let dark = PackedScene::new(&dark, 0.0).expect("it fits");
-    assert!(!plan(Skips::default(), &dark).pass_names().contains(&"candidates"));
-    assert!(plan(Skips::default().with(Rule::Absent, false), &dark).pass_names().contains(&"candidates"));
+    assert!(!plan_of(Skips::default(), &[], &dark).pass_names().contains(&"candidates"));
+    assert!(plan_of(Skips::default().with(Rule::Absent, false), &[], &dark).pass_names().contains(&"candidates"));
 
     let mut packed = packed;
-    let settings = Settings { skips: Skips::default().with(Rule::Updates, false), ..Settings::default() };
     let camera = built_in("cornell").camera.expect("it has one");
-    for (settings, uploads) in [(Settings::default(), 0), (settings, 3)] {
-        let request = Request::new(camera, [8, 8], Technique::RealTime, settings);
-        let mut sequence = crate::sequence::Sequence::new(&mut packed, request);
+    for (knobs, uploads) in [(&[] as &[&str], 0), (&["skip.updates=off"], 3)] {
+        let request = Request::new(camera, [8, 8], Technique::RealTime, settings(knobs));
+        let mut sequence = Sequence::new(&mut packed, request);
         let shot = sequence.shot(0);
         sequence.next(&shot).expect("a frame");
         assert_eq!(sequence.next(&shot).expect("a frame").1.len(), uploads);
+    }
+}
+
+/// What the frame says of the scene it lists, unless that rule is off.
+#[test]
+fn what_frames_do_without_is_listed() {
+    let packed = PackedScene::new(&built_in("cornell"), 0.0).expect("it fits");
+    let knobs = &["preset=paper", "camera.jitter=off"];
+    for (rule, what) in [
+        (Rule::Few, "drawing lights"),
+        (Rule::Trees, "light trees"),
+        (Rule::Updates, "updates"),
+        (Rule::Primary, "camera rays"),
+    ] {
+        let is_listed = |skips| plan_of(skips, knobs, &packed).left_out().iter().any(|(said, _)| *said == what);
+        assert!(is_listed(Skips::default()), "{what}");
+        assert!(!is_listed(Skips::default().with(rule, false)), "{what}");
+    }
+    let moving = PackedScene::new(&built_in("park"), 0.0).expect("it fits");
+    assert!(plan_of(Skips::default(), &[], &moving).facts.spared.is_empty());
+    let lacks = packed.content.lacks();
+    assert!(
+        lacks.contains(&"images") && lacks.contains(&"motion") && !lacks.contains(&"triangles or shapes that emit")
+    );
+    assert!(!moving.content.lacks().contains(&"motion"));
+}
+
+/// Frames of a still camera on the CPU, with these outputs.
+struct Frames {
+    plan: crate::graph::Plan,
+    executor: CpuExecutor,
+    frames: FramePair,
+}
+
+impl Frames {
+    fn new(packed: &PackedScene, camera: crate::scene::Camera, knobs: &[&str], outputs: &[&'static str]) -> Self {
+        let settings = settings(knobs);
+        let request = Request::new(camera, [24, 24], Technique::Candidates, settings.clone());
+        let facts = facts_of(packed, 24, 24, &settings);
+        let plan = direct_light(request.technique, &settings, &facts, ToneCurve::default(), outputs).expect("a frame");
+        let now = crate::render::frame_of(packed, &request);
+        let executor = CpuExecutor::new(&plan);
+        Self { plan, executor, frames: FramePair { now, prev: now } }
+    }
+
+    fn run(&mut self, packed: &PackedScene) {
+        self.executor.run(&self.plan, packed.buffers(), &self.frames);
+    }
+
+    fn output<T: bytemuck::Pod>(&self, name: &str) -> Vec<T> {
+        bytemuck::cast_slice(self.executor.output(&self.plan, name).expect("an output")).to_vec()
+    }
+}
+
+/// Of reservoirs that call a hidden sample visible, the rule believes them, and without it a ray finds out.
+#[test]
+fn what_is_known_to_be_visible_costs_no_ray() {
+    let scene = built_in("cornell");
+    let (packed, camera) = (PackedScene::new(&scene, 0.0).expect("it fits"), scene.camera.expect("it has one"));
+    let mut frames = Frames::new(&packed, camera, &[], &["surfaces", "fresh", "visible"]);
+    frames.run(&packed);
+    let surfaces: Vec<Surface> = frames.output("surfaces");
+    let (fresh, visible) = (frames.output::<Reservoir>("fresh"), frames.output::<Reservoir>("visible"));
+    let claimed: Vec<Reservoir> =
+        fresh.iter().map(|held| if held.has_sample() { held.known_visible() } else { *held }).collect();
+    let view =
+        weir_shared::scene::Scene { triangles: &packed.triangles, records: &packed.records, texels: &packed.texels };
+    let mut hidden = 0;
+    for (i, (claimed, visible)) in (0..).zip(claimed.iter().zip(&visible)) {
+        let px = glam::UVec2::new(i % 24, i / 24);
+        let look = |rule: bool| {
+            let not_skipped = Skips::default().with(Rule::Known, rule).in_passes();
+            let frame = weir_shared::frame::Frame { not_skipped, ..frames.frames.now };
+            let reservoirs: Vec<Reservoir> = vec![*claimed; 24 * 24];
+            weir_shader::visibility::visibility::<false, false, true>(
+                px,
+                0,
+                &frame,
+                &view,
+                &packed.bvh,
+                &surfaces,
+                &reservoirs,
+            )
+        };
+        assert_eq!(look(true), *claimed);
+        if claimed.has_sample() {
+            assert_eq!(look(false).ucw, visible.ucw, "pixel {px}");
+            hidden += u32::from(visible.ucw == 0.0);
+        }
+    }
+    assert!(hidden > 10, "{hidden}");
+}
+
+#[test]
+fn surfaces_that_reflect_nothing_cost_neither_rays_nor_candidates() {
+    let scene = with_black();
+    let (packed, camera) = (PackedScene::new(&scene, 0.0).expect("it fits"), scene.camera.expect("it has one"));
+    let outputs = ["surfaces", "bsdf_hits", "fresh"];
+    let [with, without] = ["on", "off"].map(|rule| {
+        let mut frames = Frames::new(&packed, camera, &[&format!("skip.black={rule}"), "candidates.bsdf=1"], &outputs);
+        frames.run(&packed);
+        (
+            frames.output::<Surface>("surfaces"),
+            frames.output::<Reservoir>("bsdf_hits"),
+            frames.output::<Reservoir>("fresh"),
+        )
+    });
+    assert_eq!(with.2, without.2);
+    let black: Vec<usize> = (0..with.0.len()).filter(|&i| !with.0[i].is_sky() && with.0[i].is_black()).collect();
+    assert!(black.len() > 20, "{}", black.len());
+    let found = |hits: &[Reservoir]| black.iter().filter(|&&i| hits[i].has_sample()).count();
+    assert_eq!(found(&with.1), 0);
+    assert!(found(&without.1) > 0);
+    assert!(black.iter().all(|&i| !with.2[i].has_sample() && with.2[i].confidence() == 1));
+}
+
+#[test]
+fn lights_that_can_all_be_candidates_are_not_drawn() {
+    let scene = built_in("cornell");
+    let (packed, camera) = (PackedScene::new(&scene, 0.0).expect("it fits"), scene.camera.expect("it has one"));
+    let [with, without] = ["on", "off"].map(|rule| {
+        let knobs = [&format!("skip.few={rule}"), "candidates.count=2", "candidates.bsdf=0"];
+        let mut frames = Frames::new(&packed, camera, &knobs, &["fresh"]);
+        frames.run(&packed);
+        frames.output::<Reservoir>("fresh")
+    });
+    // Of two drawn lights both may be on the half of the lamp that does less, even none that does anything.
+    assert_ne!(with, without);
+}
+
+/// Light trees of meshes and over them are not built for settings that send no candidate down; and one that was not kept up
+/// to date is built when that changes.
+#[test]
+fn light_trees_are_built_where_candidates_come_down() {
+    let scene = built_in("rooms");
+    let pack = |knobs: &[&str]| {
+        let options = PackOptions::of(&settings(knobs));
+        PackedScene::with(&scene, &Moment::default(), options).expect("it fits")
+    };
+    let (with, without) = (pack(&[]), pack(&["candidates.tree=0"]));
+    assert!(with.content.light_tree && !without.content.light_tree);
+    assert!(with.light_costs.tree.bytes > 0 && without.light_costs.tree.bytes == 0);
+    assert!(without.lights.len() < with.lights.len());
+    assert_eq!(pack(&["candidates.tree=0", "skip.trees=off"]).lights.len(), with.lights.len());
+    // Settings that ask for what is not there draw by power.
+    let camera = scene.camera.expect("it has one");
+    let tree = Request::new(camera, [8, 8], Technique::RealTime, settings(&["candidates.source=tree"]));
+    let frame = crate::render::frame_of(&without, &tree);
+    assert_eq!((frame.source, frame.candidates_tree), (weir_shared::light::source::POWER, 0));
+
+    let mut scene = built_in("studio");
+    let emits = |m: &u32| scene.materials[*m as usize].emission != Vec3::ZERO;
+    let is_lamp = |i: &u32| scene.meshes[scene.instances[*i as usize].mesh as usize].materials.iter().any(emits);
+    let lamp = (0..scene.instances.len() as u32).find(is_lamp).expect("it has a lamp");
+    scene.instances.iter_mut().for_each(|instance| instance.motion = crate::scene::Motion::Still);
+    let moment =
+        |x: f32| Moment { placed: vec![(lamp, Mat4::from_translation(Vec3::new(x, 0.0, 0.0)))], ..Moment::default() };
+    let mut packed = PackedScene::dynamic(&scene, &moment(0.0)).expect("it fits");
+    let shot = |x: f32| Shot { moment: moment(x), camera };
+    let mut sequence =
+        Sequence::new(&mut packed, Request::new(camera, [8, 8], Technique::RealTime, settings(&["candidates.tree=0"])));
+    let mut lights_after = |knobs: &[&str], x: f32| {
+        sequence.tune(&settings(knobs));
+        let changed = sequence.next(&shot(x)).expect("a frame").1.len();
+        (changed, sequence.packed().lights.clone())
+    };
+    let (_, stale) = lights_after(&["candidates.tree=0"], 0.25);
+    assert_eq!(lights_after(&["candidates.tree=0"], 0.25), (0, stale.clone()));
+    let (changed, current) = lights_after(&["candidates.tree=3"], 0.25);
+    assert!(changed > 0, "the tree is built for the moment that is shown already");
+    assert_ne!(stale, current);
+    let anew = PackedScene::dynamic(&scene, &moment(0.25)).expect("it fits");
+    assert_eq!(current, anew.lights);
+    assert_eq!(lights_after(&["candidates.tree=3"], 0.25), (0, current));
+}
+
+/// Camera rays are left out in the third frame that sees the same: what was planted in their results stays.
+#[test]
+fn camera_rays_are_left_out_while_the_camera_sees_the_same() {
+    let scene = built_in("studio");
+    let camera = scene.camera.expect("it has one");
+    let triangles = |i: &u32| scene.meshes[scene.instances[*i as usize].mesh as usize].triangles.len();
+    let mut all = 0..scene.instances.len() as u32;
+    let shape = all.clone().find(|i| triangles(i) == 0).expect("a shape");
+    let mesh = all.find(|i| triangles(i) > 0).expect("a mesh");
+    for technique in [Technique::RealTime, Technique::Still] {
+        for (knobs, moved, is_kept) in [
+            (&["camera.jitter=off"] as &[&str], None, true),
+            (&["camera.jitter=off", "skip.primary=off"], None, false),
+            (&[], None, false),
+            (&["camera.jitter=off"], Some(true), true),
+            (&["camera.jitter=off"], Some(false), false),
+        ] {
+            let mut packed = PackedScene::dynamic(&scene, &Moment::default()).expect("it fits");
+            let settings = settings(knobs);
+            let facts = facts_of(&packed, 16, 16, &settings);
+            let outputs = ["surfaces", "emitted", "moments"];
+            let plan = direct_light(technique, &settings, &facts, ToneCurve::default(), &outputs).expect("a frame");
+            let mut executor = CpuExecutor::new(&plan);
+            let mut sequence = Sequence::new(&mut packed, Request::new(camera, [16, 16], technique, settings.clone()));
+            for number in 0..4 {
+                let instance = if moved == Some(true) { shape } else { mesh };
+                let x = if moved.is_some() { 0.01 * number as f32 } else { 0.0 };
+                let placed = scene.instances[instance as usize].world_from_object;
+                let placed = Mat4::from_translation(Vec3::new(x, 0.0, 0.0)) * placed;
+                let moment = Moment { placed: vec![(instance, placed)], ..Moment::default() };
+                let (frames, _) = sequence.next(&Shot { moment, camera }).expect("a frame");
+                executor.run(&plan, sequence.packed().buffers(), &frames);
+                if number < 2 {
+                    // In both halves of what is doubled.
+                    for name in ["surfaces", "emitted"] {
+                        executor.output_mut(&plan, name).expect("an output")[..16].fill(0x3f);
+                    }
+                }
+            }
+            let planted = [0x3f; 16];
+            let stays = |name: &str| executor.output(&plan, name).expect("an output")[..16] == planted;
+            let what = format!("{technique}, {knobs:?}, {moved:?}");
+            assert_eq!((stays("surfaces"), stays("emitted")), (is_kept, is_kept), "{what}");
+        }
     }
 }
 

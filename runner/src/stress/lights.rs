@@ -139,7 +139,7 @@ const BOTH: [Technique; 2] = [Technique::Still, Technique::RealTime];
 const SOURCES: [&[&str]; 6] = [
     &["candidates.count=1"],
     &["candidates.count=1", "candidates.source=uniform"],
-    &["candidates.count=1", "candidates.source=tiles", "tiles.count=4", "tiles.size=32"],
+    &["candidates.count=1", "candidates.source=tiles", "tiles.count=4", "tiles.size=32", "skip.presampling=off"],
     &["candidates.count=1", "candidates.source=cells", "cells.slots=4"],
     &["candidates.count=1", "candidates.source=tree"],
     &["candidates.count=1", "candidates.source=cuts"],

@@ -63,7 +63,7 @@ impl Scenario {
     /// # Panics
     /// If it does not pack, which only a bug here can cause.
     pub fn pack(&self, shot: usize) -> PackedScene {
-        let options = PackOptions { dynamic: self.is_dynamic, light_cuts: true };
+        let options = PackOptions { dynamic: self.is_dynamic, light_tree: true, light_cuts: true };
         PackedScene::with(&self.scene, &self.shots[shot].moment, options).expect("packs")
     }
 }

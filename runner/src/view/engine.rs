@@ -172,7 +172,7 @@ impl Engine {
         let mut scene = self.base.clone();
         lights::scatter(&mut scene, self.scattered);
         let moment = if self.dynamic { moment.clone() } else { Moment { time_s: moment.time_s, ..Moment::default() } };
-        let options = PackOptions { dynamic: self.dynamic, light_cuts: self.light_cuts };
+        let options = PackOptions { dynamic: self.dynamic, light_tree: true, light_cuts: self.light_cuts };
         let packed = PackedScene::with(&scene, &moment, options)?;
         self.forget();
         let gpu = match &self.place {

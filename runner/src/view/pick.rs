@@ -1,7 +1,6 @@
 //! What is under the pointer: a ray on the host, and lights in words.
 
 use glam::{UVec2, Vec3};
-use weir_shader::wiring::Feature;
 use weir_shared::{
     bvh,
     camera::ray_through,
@@ -66,8 +65,7 @@ fn shape_near(frame: &Frame, scene: &SceneView<'_>, ray: &Ray, t_max: f32) -> Op
 pub fn at(packed: &PackedScene, frame: &Frame, px: UVec2) -> Option<Picked> {
     let (scene, bvh) = (view_of(packed), packed.bvh.as_slice());
     let ray = ray_through(frame, px.x as f32 + 0.5, px.y as f32 + 0.5);
-    let has = |feature| packed.features.contains(&feature);
-    let hit = match (has(Feature::TEXTURES), has(Feature::INSTANCES)) {
+    let hit = match (packed.content.masks, packed.content.instances) {
         (false, false) => bvh::closest_hit::<false, false>(frame, &scene, bvh, &ray),
         (true, false) => bvh::closest_hit::<true, false>(frame, &scene, bvh, &ray),
         (false, true) => bvh::closest_hit::<false, true>(frame, &scene, bvh, &ray),

@@ -74,25 +74,25 @@ impl Tests for WideTests {
 /// # Safety
 /// [`available`] must be true.
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-pub unsafe fn closest_hit<const TEXTURES: bool, const INSTANCES: bool>(
+pub unsafe fn closest_hit<const MASKS: bool, const INSTANCES: bool>(
     frame: &Frame,
     scene: &Scene,
     bvh: &[UVec4],
     ray: &Ray,
 ) -> Hit {
-    super::closest_hit_with::<TEXTURES, INSTANCES, _>(frame, scene, bvh, ray, WideTests { fetch_children: !INSTANCES })
+    super::closest_hit_with::<MASKS, INSTANCES, _>(frame, scene, bvh, ray, WideTests { fetch_children: !INSTANCES })
 }
 
 /// # Safety
 /// [`available`] must be true.
 #[target_feature(enable = "avx2,bmi1,bmi2,lzcnt,popcnt")]
-pub unsafe fn unoccluded<const TEXTURES: bool, const INSTANCES: bool>(
+pub unsafe fn unoccluded<const MASKS: bool, const INSTANCES: bool>(
     frame: &Frame,
     scene: &Scene,
     bvh: &[UVec4],
     ray: &Ray,
 ) -> bool {
-    super::unoccluded_with::<TEXTURES, INSTANCES, _>(frame, scene, bvh, ray, WideTests { fetch_children: !INSTANCES })
+    super::unoccluded_with::<MASKS, INSTANCES, _>(frame, scene, bvh, ray, WideTests { fetch_children: !INSTANCES })
 }
 
 /// Eight bytes to eight floats.

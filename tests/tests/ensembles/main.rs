@@ -225,11 +225,21 @@ const CHAIN_VARIANTS: &[&[&str]] = &[
     &["rays=balanced", "candidates.full=2", "candidates.tree=0"],
     &["rays=balanced", "candidates.source=uniform"],
     // Neighbours share the lights that were drawn ahead.
-    &["rays=balanced", "candidates.source=tiles", "candidates.tree=0", "tiles.count=2", "tiles.size=8"],
+    &[
+        "rays=balanced",
+        "candidates.source=tiles",
+        "candidates.tree=0",
+        "tiles.count=2",
+        "tiles.size=8",
+        "skip.presampling=off",
+    ],
     &["rays=balanced", "candidates.source=cells", "candidates.tree=0", "cells.slots=2", "cells.candidates=2"],
     &["rays=balanced", "candidates.source=tree", "candidates.tree_update=refit"],
     &["rays=balanced", "candidates.source=cuts", "candidates.tree=1"],
     &["rays=balanced", "reservoirs.choice=inversion"],
+    // Each light is a candidate; and drawn, though each could be.
+    &["rays=balanced", "candidates.count=16"],
+    &["rays=balanced", "candidates.count=16", "skip.few=off"],
     // Spatial reuse after reuse in time. 20,480 chains of the last of these three are within +0.005 % +- 0.057 %.
     &["rays=speed", "spatial.rounds=1"],
     &["rays=balanced", "spatial.rounds=2"],

@@ -99,7 +99,7 @@ impl Bench {
 
     /// Whether there are lights other than triangles.
     pub fn has_others(&self) -> bool {
-        self.packed.features.contains(&Feature::ENVIRONMENT)
+        self.packed.content.features().contains(&Feature::ENVIRONMENT)
     }
 
     pub fn view(&self) -> SceneView<'_> {

@@ -610,7 +610,7 @@ fn a_tree_fitted_to_where_lights_have_gone_is_walked_as_reported_and_reaches_all
         for scene in [two_levels(uneven), facing_one_way(uneven)] {
             let moment = elsewhere(&scene);
             let mut packed = packed_within(&scene, 1_000);
-            packed.tree_update = TreeUpdate::Refit;
+            packed.tree_update = Some(TreeUpdate::Refit);
             let tree_at = packed.frame.light_tree_at as usize;
             let before = packed.lights[tree_at..].to_vec();
             packed.advance(&moment).expect("a moment");

@@ -268,7 +268,7 @@ fn no_ray_finds_a_shape_and_a_scene_of_shapes_alone_is_one() {
     assert!(closest_hit::<false, true>(&packed.frame, &view(&packed), &packed.bvh, &ray).is_miss());
     use weir_shader::wiring::Feature;
     for feature in [Feature::ENVIRONMENT, Feature::INSTANCES] {
-        assert!(packed.features.contains(&feature), "{feature:?}");
+        assert!(packed.content.features().contains(&feature), "{feature:?}");
     }
 }
 
@@ -293,5 +293,5 @@ fn a_moving_shape_keeps_its_id_between_frames_and_moves() {
 fn shapes_without_emission_are_no_lights() {
     let packed = packed(&scene(&[(Shape::Point, Vec3::ZERO, Mat4::IDENTITY, false)]));
     assert_eq!((packed.frame.light_count, packed.frame.emitter_count), (0, 0));
-    assert!(packed.has().is_empty());
+    assert!(!packed.content.shines());
 }

@@ -1,0 +1,105 @@
+//! What a scene has, and what it lacks: everything that chooses passes, their code and their memory, derived in one place.
+
+use glam::Vec3;
+use weir_shader::wiring::Feature;
+
+use crate::{
+    graph::Need,
+    scene::{Material, Scene},
+};
+
+/// Bytes of tables over lights that a core's own cache holds.
+pub const CACHED_TABLE_BYTES: u64 = 1 << 20;
+
+/// What a scene has, as it is packed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Content {
+    /// Triangles or shapes that emit.
+    pub emitters: bool,
+    /// An environment that shines, or directional lights.
+    pub distant: bool,
+    /// Spheres, rectangles, points and spots.
+    pub shapes: bool,
+    /// Images of any kind.
+    pub images: bool,
+    /// Alpha masks.
+    pub masks: bool,
+    /// Images or alpha masks on what emits.
+    pub emission_images: bool,
+    /// Specular lobes.
+    pub gloss: bool,
+    /// More than one instance, or one that is not in place.
+    pub instances: bool,
+    /// Anything that moves, or may.
+    pub motion: bool,
+    /// A light tree.
+    pub light_tree: bool,
+    /// Trees for cuts.
+    pub light_cuts: bool,
+    /// Tables over lights that are larger than [`CACHED_TABLE_BYTES`].
+    pub large_tables: bool,
+}
+
+impl Content {
+    /// With what the materials of a scene say; the rest is as in `self`.
+    pub(super) fn with_materials(self, scene: &Scene) -> Self {
+        let materials = &scene.materials;
+        let has = |test: fn(&Material) -> bool| materials.iter().any(test);
+        Self {
+            images: has(|m| {
+                m.base_color_texture.is_some() || m.emission_texture.is_some() || m.alpha_texture.is_some()
+            }),
+            masks: has(|m| m.alpha_texture.is_some()),
+            emission_images: has(|m| {
+                m.emission != Vec3::ZERO && (m.emission_texture.is_some() || m.alpha_texture.is_some())
+            }),
+            gloss: has(|m| m.metallic > 0.0 || m.specular != Vec3::ZERO),
+            ..self
+        }
+    }
+
+    /// Features that choose among the variants of passes.
+    pub fn features(&self) -> Vec<Feature> {
+        let all = [
+            (Feature::TEXTURES, self.images),
+            (Feature::MASKS, self.masks),
+            (Feature::EMISSION_IMAGES, self.emission_images),
+            (Feature::ENVIRONMENT, self.distant || self.shapes),
+            (Feature::INSTANCES, self.instances),
+            (Feature::SPECULAR, self.gloss),
+        ];
+        all.into_iter().filter(|(_, has)| *has).map(|(feature, _)| feature).collect()
+    }
+
+    /// What steps may need.
+    pub fn has(&self) -> Vec<Need> {
+        let all = [
+            (Need::Lights, self.emitters || self.distant),
+            (Need::EmissiveTriangles, self.emitters),
+            (Need::LightCuts, self.light_cuts),
+        ];
+        all.into_iter().filter(|(_, has)| *has).map(|(need, _)| need).collect()
+    }
+
+    /// Whether there is light of any kind.
+    pub fn shines(&self) -> bool {
+        self.emitters || self.distant
+    }
+
+    /// What the scene lacks, in words.
+    pub fn lacks(&self) -> Vec<&'static str> {
+        let all = [
+            ("triangles or shapes that emit", self.emitters),
+            ("an environment or directional lights", self.distant),
+            ("other shapes that emit", self.shapes),
+            ("images", self.images),
+            ("alpha masks", self.masks),
+            ("images on what emits", self.emission_images),
+            ("specular lobes", self.gloss),
+            ("instances", self.instances),
+            ("motion", self.motion),
+            ("light tables beyond a cache", self.large_tables),
+        ];
+        all.into_iter().filter(|(_, has)| !has).map(|(what, _)| what).collect()
+    }
+}
