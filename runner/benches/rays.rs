@@ -15,7 +15,6 @@ use weir::{
     settings::Settings,
     technique::Technique,
 };
-use weir_shader::wiring::Feature;
 use weir_shared::{
     bsdf::basis,
     bvh::{closest_hit, unoccluded},
@@ -48,7 +47,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let request = Request::new(view, [WIDTH, HEIGHT], Technique::Candidates, Settings::default());
     let frame = frame_of(&packed, &request);
     println!("{name}: {WIDTH}x{HEIGHT} rays, {} threads", rayon::current_num_threads());
-    if packed.features.contains(&Feature::INSTANCES) {
+    if packed.content.instances {
         measure::<true>(&packed, &frame);
     } else {
         measure::<false>(&packed, &frame);

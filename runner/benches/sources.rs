@@ -62,7 +62,7 @@ impl Ris {
     ) -> Result<Self, Failure> {
         let (count, from) = (format!("candidates.count={samples}"), format!("candidates.source={source}"));
         let choice = format!("reservoirs.choice={choice}");
-        let settings = settings(&[&count, &from, &choice, "candidates.tree=0", "candidates.bsdf=0"])?;
+        let settings = settings(&[&count, &from, &choice, "candidates.tree=0", "candidates.bsdf=0", "skip.presampling=off"])?;
         let request = Request { seed: 1, ..Request::new(camera, SIZE, Technique::Candidates, settings) };
         let facts = facts_of(packed, request.width, request.height, &request.settings);
         let plan = direct_light(request.technique, &request.settings, &facts, request.curve, &["fresh"])?;
@@ -109,7 +109,7 @@ fn costs(name: &str, scene: &Scene, camera: Camera) -> Result<(), Failure> {
     let mut refits = Vec::new();
     for i in 0..FRAMES {
         for (update, found) in [(TreeUpdate::Rebuild, &mut updates), (TreeUpdate::Refit, &mut refits)] {
-            packed.tree_update = update;
+            packed.tree_update = Some(update);
             packed.show_anew(&Moment { time_s: i as f32 / 60.0, ..Moment::default() })?;
             found.push(packed.light_costs);
         }

@@ -49,7 +49,8 @@ impl Surface {
     /// Whether the surface reflects nothing, from wherever it is lit.
     #[inline(always)]
     pub fn is_black(&self) -> bool {
-        self.diffuse() == Vec3::ZERO && self.specular_rg == 0 && self.specular_b_roughness & 0xffff == 0
+        let diffuse = self.diffuse[0] + self.diffuse[1] + self.diffuse[2];
+        diffuse == 0.0 && self.specular_rg == 0 && self.specular_b_roughness & 0xffff == 0
     }
 
     /// The instance that the surface is part of.
