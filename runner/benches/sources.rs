@@ -62,7 +62,8 @@ impl Ris {
     ) -> Result<Self, Failure> {
         let (count, from) = (format!("candidates.count={samples}"), format!("candidates.source={source}"));
         let choice = format!("reservoirs.choice={choice}");
-        let settings = settings(&[&count, &from, &choice, "candidates.tree=0", "candidates.bsdf=0", "skip.presampling=off"])?;
+        let settings =
+            settings(&[&count, &from, &choice, "candidates.tree=0", "candidates.bsdf=0", "skip.presampling=off"])?;
         let request = Request { seed: 1, ..Request::new(camera, SIZE, Technique::Candidates, settings) };
         let facts = facts_of(packed, request.width, request.height, &request.settings);
         let plan = direct_light(request.technique, &request.settings, &facts, request.curve, &["fresh"])?;

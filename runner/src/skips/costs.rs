@@ -1,6 +1,9 @@
 //! What leaving work out saves, measured.
 
-use std::{collections::HashMap, time::Instant};
+use std::{
+    collections::{HashMap, hash_map::Entry},
+    time::Instant,
+};
 
 use bytemuck::bytes_of;
 use weir_shared::moments::Moments;
@@ -60,11 +63,11 @@ pub fn costs(scene: &Scene, request: &Request, backend: &Backend<'_>, turns: u32
     let settings_of = |skips: Skips| Settings { skips, ..request.settings.clone() };
     let mut packed: HashMap<PackOptions, (PackedScene, f64)> = HashMap::new();
     for options in ways.iter().map(|skips| PackOptions::of(&settings_of(*skips))) {
-        if !packed.contains_key(&options) {
+        if let Entry::Vacant(place) = packed.entry(options) {
             let start = Instant::now();
             let moment = Moment { time_s: request.settings.time_s, ..Moment::default() };
             let scene = PackedScene::with(scene, &moment, options)?;
-            packed.insert(options, (scene, start.elapsed().as_secs_f64() * 1e3));
+            place.insert((scene, start.elapsed().as_secs_f64() * 1e3));
         }
     }
     let mut measured: Vec<Measured> = ways.iter().map(|_| Measured::default()).collect();
