@@ -83,8 +83,8 @@ pub enum Need {
     EmissiveTriangles,
     /// Trees for cuts.
     LightCuts,
-    /// A use for tiles: light tables that a cache does not hold, or more lights that pixels draw than tiles hold.
-    Tiles,
+    /// More lights than a tile has records.
+    MoreThanATile,
 }
 
 impl std::fmt::Display for Need {
@@ -93,9 +93,7 @@ impl std::fmt::Display for Need {
             Self::Lights => "lights",
             Self::EmissiveTriangles => "emissive triangles or shapes",
             Self::LightCuts => "trees for cuts",
-            Self::Tiles => {
-                "use for tiles: a cache holds its light tables, and pixels draw fewer lights than tiles hold"
-            }
+            Self::MoreThanATile => "more lights than a tile has records",
         })
     }
 }
@@ -183,6 +181,12 @@ pub struct Facts {
 }
 
 impl Facts {
+    /// Whether plans are the same by both: all but [`Facts::spared`], which nothing depends on.
+    pub fn is_like(&self, other: &Self) -> bool {
+        let spared = &self.spared;
+        *self == Self { spared: spared.clone(), ..other.clone() }
+    }
+
     /// What a pass of an extent runs over.
     pub fn grid(&self, extent: Extent) -> Grid {
         let &Self { width, height, reservoirs, candidates, records: [presampled_columns, presampled_rows], .. } = self;
@@ -536,7 +540,7 @@ fn cull(
 ) -> (Vec<Live>, Vec<(&'static str, Culled)>) {
     let lacks = |step: &Step| {
         let need = step.needs.filter(|need| !facts.has.contains(need)).map(Culled::SceneHasNo);
-        need.or(step.off.map(Culled::Setting))
+        step.off.map(Culled::Setting).or(need)
     };
     // Backwards from the outputs, until history adds nothing more.
     let mut wanted: BTreeSet<&str> = outputs.iter().copied().collect();

@@ -29,7 +29,7 @@ use crate::{
     scene::{DistantLight, Environment, Material, Scene},
     settings::Settings,
 };
-pub use content::{CACHED_TABLE_BYTES, Content};
+pub use content::Content;
 use geometry::PackedMesh;
 use moment::{Dynamics, MeshStart};
 pub use moment::{Moment, TreeUpdate};
@@ -365,7 +365,7 @@ impl PackedScene {
             motion: *is_dynamic || top.moves(),
             light_tree: capacity.has_tree,
             light_cuts: capacity.has_cuts,
-            large_tables: self.light_costs.table.bytes > CACHED_TABLE_BYTES,
+            lights: capacity.lights,
             ..Content::default()
         }
         .with_materials(scene)

@@ -7,7 +7,7 @@ mod stop;
 use std::time::{Duration, Instant};
 
 use thiserror::Error;
-use weir_shared::{frame::Frame, light::source, moments::Moments, reuse::lattice};
+use weir_shared::{frame::Frame, light::source, moments::Moments, resample::choice, reuse::lattice};
 
 use crate::{
     budget::TimeBudget,
@@ -127,7 +127,7 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
     let up = right.cross(forward);
     let half_height = (camera.vfov_deg.to_radians() * 0.5).tan();
     let half_width = half_height * request.width as f32 / request.height as f32;
-    let [presampled_columns, presampled_rows] = records_of(packed, [request.width, request.height], settings);
+    let [presampled_columns, presampled_rows] = records_of(packed, request.width, request.height, settings);
     Frame {
         width: request.width,
         height: request.height,
@@ -141,7 +141,7 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
         exposure: request.exposure,
         camera_forward: forward,
         candidates: settings.candidates,
-        source: source_of(packed, [request.width, request.height], settings),
+        source: source_of(packed, settings),
         reservoirs: settings.reservoirs,
         round: 0,
         choice: settings.choice,
@@ -176,44 +176,40 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
 }
 
 /// Where candidates come from: by power in place of structures that the scene has not been packed with, and of tiles
-/// that are of no use.
-fn source_of(packed: &PackedScene, [width, height]: [u32; 2], settings: &Settings) -> u32 {
+/// that are of no use. By what does not change from frame to frame, as the plan depends on it.
+fn source_of(packed: &PackedScene, settings: &Settings) -> u32 {
     let is_there = match settings.source {
         source::CUTS => packed.content.light_cuts,
         source::TREE => packed.content.light_tree,
-        source::TILES => has_use_for_tiles(packed, [width, height], settings),
+        source::TILES => has_use_for_tiles(packed, settings),
         _ => true,
     };
     if is_there { settings.source } else { source::POWER }
 }
 
-/// Whether it may pay to draw the lights of tiles ahead: if a core's cache does not hold their tables, or if the pixels draw
-/// more lights than there are in tiles. Always, with the rule off.
-fn has_use_for_tiles(packed: &PackedScene, [width, height]: [u32; 2], settings: &Settings) -> bool {
-    let [columns, rows] = settings.records(width, height);
-    let of_table = u64::from(settings.candidates.saturating_sub(settings.candidates_tree).max(1));
-    let drawn = u64::from(width) * u64::from(height) * u64::from(settings.reservoirs) * of_table;
-    let pays = packed.content.large_tables || drawn > u64::from(columns) * u64::from(rows);
-    pays || !settings.skips.is_on(Rule::Presampling)
+/// Whether a tile is a smaller list to draw from than that of all lights. Always, with the rule off.
+fn has_use_for_tiles(packed: &PackedScene, settings: &Settings) -> bool {
+    let of_a_tile = settings.tile_size.next_power_of_two();
+    packed.content.lights > u64::from(of_a_tile) || !settings.skips.is_on(Rule::Presampling)
 }
 
 /// Columns and rows of records of lights drawn ahead; one of each where none are drawn.
-fn records_of(packed: &PackedScene, [width, height]: [u32; 2], settings: &Settings) -> [u32; 2] {
-    let is_drawn = packed.content.emitters && source_of(packed, [width, height], settings) == settings.source;
+fn records_of(packed: &PackedScene, width: u32, height: u32, settings: &Settings) -> [u32; 2] {
+    let is_drawn = packed.content.emitters && source_of(packed, settings) == settings.source;
     if is_drawn { settings.records(width, height) } else { [1; 2] }
 }
 
 /// What steps may need, as the plan is told: with the rule for what is absent off, lights of all kinds. Trees for cuts are
 /// memory that is there or not.
-fn has_of(packed: &PackedScene, size: [u32; 2], settings: &Settings) -> Vec<Need> {
+fn has_of(packed: &PackedScene, settings: &Settings) -> Vec<Need> {
     let mut has = packed.content.has();
     if !settings.skips.is_on(Rule::Absent) {
         has.extend(
             [Need::Lights, Need::EmissiveTriangles].into_iter().filter(|need| !packed.content.has().contains(need)),
         );
     }
-    if has.contains(&Need::EmissiveTriangles) && has_use_for_tiles(packed, size, settings) {
-        has.push(Need::Tiles);
+    if packed.content.emitters && has_use_for_tiles(packed, settings) {
+        has.push(Need::MoreThanATile);
     }
     has
 }
@@ -252,9 +248,9 @@ pub fn facts_of(packed: &PackedScene, width: u32, height: u32, settings: &Settin
         width,
         height,
         reservoirs: settings.reservoirs,
-        candidates: settings.candidates_in_memory(),
-        records: records_of(packed, [width, height], settings),
-        has: has_of(packed, [width, height], settings),
+        candidates: if settings.choice == choice::INVERSION { settings.candidates_in_memory() } else { 1 },
+        records: records_of(packed, width, height, settings),
+        has: has_of(packed, settings),
         features: settings.skips.features(&packed.content.features()),
         spared: spared(packed, settings),
     }

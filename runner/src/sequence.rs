@@ -26,6 +26,8 @@ pub struct Sequence<S> {
     packed: S,
     /// View, knobs and size of the frames to come; each has its own camera.
     pub request: Request,
+    /// Whether others than the request's settings send candidates down the light tree.
+    pub keeps_tree: bool,
     last: Option<Frame>,
     index: u32,
 }
@@ -33,7 +35,7 @@ pub struct Sequence<S> {
 impl<S: BorrowMut<PackedScene>> Sequence<S> {
     /// Nothing shown yet. The camera of `request` is that of no frame; each has its own.
     pub fn new(packed: S, request: Request) -> Self {
-        Self { packed, request, last: None, index: 0 }
+        Self { packed, request, keeps_tree: false, last: None, index: 0 }
     }
 
     /// The scene as the last frame shows it.
@@ -75,7 +77,7 @@ impl<S: BorrowMut<PackedScene>> Sequence<S> {
     pub fn next(&mut self, shot: &Shot) -> Result<(FramePair, Vec<Changed>), PackError> {
         let packed = self.packed.borrow_mut();
         let settings = &self.request.settings;
-        packed.tree_update = settings.needs_tree().then_some(settings.tree_update);
+        packed.tree_update = (settings.needs_tree() || self.keeps_tree).then_some(settings.tree_update);
         let changed = if self.request.settings.skips.is_on(Rule::Updates) {
             packed.advance(&shot.moment)?
         } else {

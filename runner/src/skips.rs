@@ -1,8 +1,9 @@
 //! Rules by which work is left out that a scene or its settings have no use for.
 //!
-//! None of them changes a picture by a bit, but for one: without [`Rule::Updates`], reuse in time finds where a surface was
-//! by way of the space of its instance, and rounds twice on the way, so that a neighbour can be another one. Each can be
-//! switched off by `--set skip.NAME=off`; tests and `weir graph --costs` compare what comes out.
+//! [`Rule::Few`] and [`Rule::Presampling`] change which lights are drawn, but not the mean of pictures. None of the others
+//! changes a picture by a bit, but for one: without [`Rule::Updates`], reuse in time finds where a surface was by way of the
+//! space of its instance, and rounds twice on the way, so that a neighbour can be another one. Each can be switched off by
+//! `--set skip.NAME=off`; tests and `weir graph --costs` compare what comes out.
 
 mod costs;
 
@@ -42,13 +43,15 @@ pub enum Rule {
     Specular,
     /// Drawing lights, where each can be a candidate. Changes what is drawn, not its mean.
     Few,
-    /// Drawing lights ahead in tiles, where a cache holds their tables and pixels draw fewer lights than tiles hold. Changes
-    /// what is drawn, not its mean.
+    /// Drawing lights ahead in tiles, where there are no more lights than a tile has records. Changes what is drawn, not its
+    /// mean.
     Presampling,
     /// Shadow rays to samples that are known to be visible.
     Known,
     /// Candidates and rays by the BSDF, where a surface reflects nothing.
     Black,
+    /// Shadow rays of reuse from surfaces to lights that face away from them or that they face away from.
+    Unlit,
     /// Light trees, where no candidate comes down one.
     Trees,
     /// Light tables, trees, top level and their upload for a frame that shows the same moment as the last.
@@ -59,7 +62,7 @@ pub enum Rule {
 
 impl Rule {
     /// All of them.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 16] = [
         Self::Absent,
         Self::Unread,
         Self::Textures,
@@ -72,6 +75,7 @@ impl Rule {
         Self::Presampling,
         Self::Known,
         Self::Black,
+        Self::Unlit,
         Self::Trees,
         Self::Updates,
         Self::Primary,
@@ -92,6 +96,7 @@ impl Rule {
             Self::Presampling => "presampling",
             Self::Known => "known",
             Self::Black => "black",
+            Self::Unlit => "unlit",
             Self::Trees => "trees",
             Self::Updates => "updates",
             Self::Primary => "primary",
@@ -142,7 +147,12 @@ impl Skips {
 
     /// What passes are told of rules that are off: [`Frame::not_skipped`](weir_shared::frame::Frame::not_skipped).
     pub fn in_passes(self) -> u32 {
-        let rules = [(Rule::Few, skip::FEW_LIGHTS), (Rule::Known, skip::KNOWN_VISIBLE), (Rule::Black, skip::BLACK)];
+        let rules = [
+            (Rule::Few, skip::FEW_LIGHTS),
+            (Rule::Known, skip::KNOWN_VISIBLE),
+            (Rule::Black, skip::BLACK),
+            (Rule::Unlit, skip::UNLIT),
+        ];
         rules.into_iter().filter(|(rule, _)| !self.is_on(*rule)).fold(0, |bits, (_, bit)| bits | bit)
     }
 

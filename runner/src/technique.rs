@@ -192,7 +192,7 @@ fn steps(technique: Technique, settings: &Settings, curve: ToneCurve) -> Vec<Ste
     let (ahead, need) = match settings.source {
         source::CELLS => ("presample_cells", Need::EmissiveTriangles),
         source::CUTS => ("light_cuts", Need::LightCuts),
-        _ => ("presample_tiles", Need::Tiles),
+        _ => ("presample_tiles", Need::MoreThanATile),
     };
     let draws_ahead = matches!(settings.source, source::TILES | source::CELLS | source::CUTS);
     chain.steps.push(step(ahead).only_if(draws_ahead, "`candidates.source` draws no lights ahead").needs(need));
@@ -349,7 +349,7 @@ mod tests {
             };
             direct_light(Technique::Still, &settings, &facts, ToneCurve::default(), &["display"]).expect("a frame")
         };
-        let all = [Need::Lights, Need::EmissiveTriangles, Need::LightCuts, Need::Tiles];
+        let all = [Need::Lights, Need::EmissiveTriangles, Need::LightCuts, Need::MoreThanATile];
         for (source, pass, bytes) in [
             ("tiles", "presample_tiles", 64 * 128 * 1024),
             ("cells", "presample_cells", 64 * 32 * 6 * 512),

@@ -123,6 +123,8 @@ fn a_budget_is_for_the_chain_and_says_how_it_went() {
     );
     desk.ends(&format!("{SMALL} --budget-ms 16 -o a.png"), Exit::Usage, &["--integrator restir-temporal"]);
     desk.ends(&format!("{SMALL} --integrator restir-temporal --budget-ms -1 -o a.png"), Exit::Usage, &[]);
+    let inversion = "--integrator restir-temporal --budget-ms 16 --set reservoirs.choice=inversion";
+    desk.ends(&format!("{SMALL} {inversion} -o a.png"), Exit::Usage, &["choose one of them"]);
 }
 
 fn picture(path: &Path, width: u32, values: &[f32]) {

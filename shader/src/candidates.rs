@@ -56,7 +56,8 @@ impl Shares {
             (all / 4).max(1)
         };
         let triangles = if frame.light_count == 0 { 0 } else { (all - environment.min(all)).max(1) };
-        let enumerate = frame.light_count <= triangles && frame.skips(skip::FEW_LIGHTS);
+        let are_few = frame.light_count <= triangles && frame.skips(skip::FEW_LIGHTS);
+        let enumerate = frame.light_count == 0 || are_few;
         let tree = if enumerate {
             0
         } else if frame.source == source::TREE {

@@ -4,7 +4,7 @@ use glam::{UVec2, UVec4, Vec3, Vec4};
 use weir_shared::{
     bvh::unoccluded,
     fault,
-    frame::Frame,
+    frame::{Frame, skip},
     light::{self, LightPoint},
     merge::{self, Inputs, form},
     numerics::load,
@@ -208,7 +208,8 @@ pub fn rays<const MASKS: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
         if input > 0 && sample.has_sample() {
             let point = light::evaluate::<false, ENVIRONMENT>(frame, scene, sample.light, sample.uv);
             let ray = light::shadow_ray::<ENVIRONMENT>(&start, &point);
-            if !unoccluded::<MASKS, INSTANCES>(frame, scene, bvh, &ray) {
+            let matters = !frame.skips(skip::UNLIT) || light::may_matter::<ENVIRONMENT>(&start, &point);
+            if matters && !unoccluded::<MASKS, INSTANCES>(frame, scene, bvh, &ray) {
                 own = own.with_hidden(i);
             }
         }

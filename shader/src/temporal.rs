@@ -7,7 +7,7 @@ use glam::{UVec2, UVec4, Vec3, Vec4};
 use weir_shared::{
     bvh::unoccluded,
     fault,
-    frame::{Frame, FramePair},
+    frame::{Frame, FramePair, skip},
     light::{self, LightPoint, NO_LIGHT},
     merge::{self, Inputs, form},
     numerics::load,
@@ -285,7 +285,8 @@ pub fn rays<const MASKS: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
                 }
                 let point = light::evaluate::<false, ENVIRONMENT>(&moment, scene, light, sample.uv);
                 let ray = light::shadow_ray::<ENVIRONMENT>(&start, &point);
-                if !unoccluded::<MASKS, INSTANCES>(&moment, scene, bvh, &ray) {
+                let matters = !frame.skips(skip::UNLIT) || light::may_matter::<ENVIRONMENT>(&start, &point);
+                if matters && !unoccluded::<MASKS, INSTANCES>(&moment, scene, bvh, &ray) {
                     own = own.with_hidden(i);
                 }
             }

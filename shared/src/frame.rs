@@ -4,7 +4,8 @@ use bytemuck::{Pod, Zeroable};
 use core::mem::{offset_of, size_of};
 use glam::{UVec2, Vec3};
 
-/// Rules by which passes leave out work that cannot change what they compute; bits of [`Frame::not_skipped`].
+/// Rules by which passes leave out work that cannot change what they compute or, by [`skip::FEW_LIGHTS`], its mean; bits of
+/// [`Frame::not_skipped`].
 pub mod skip {
     /// Lights are drawn even where each could be a candidate.
     pub const FEW_LIGHTS: u32 = 1;
@@ -12,6 +13,8 @@ pub mod skip {
     pub const KNOWN_VISIBLE: u32 = 2;
     /// Candidates are evaluated at surfaces that reflect nothing.
     pub const BLACK: u32 = 4;
+    /// Shadow rays ask for lights that cannot light the surface that they start from.
+    pub const UNLIT: u32 = 8;
 }
 
 /// Binding 0 of every pass.

@@ -370,6 +370,18 @@ pub fn arriving<const ENVIRONMENT: bool>(position: Vec3, light: &LightPoint) -> 
     Arriving { direction, irradiance, solid_angle: if ENVIRONMENT && light.analytic { 0.0 } else { solid_angle } }
 }
 
+/// Whether a surface may reflect anything of what reaches it from a light point: it is not black, and neither faces away
+/// from the other. By the arithmetic of targets, which are zero where this is false.
+#[inline(always)]
+pub fn may_matter<const ENVIRONMENT: bool>(surface: &Surface, light: &LightPoint) -> bool {
+    let arriving = arriving::<ENVIRONMENT>(surface.position(), light);
+    let irradiance = arriving.irradiance.x + arriving.irradiance.y + arriving.irradiance.z;
+    let is_before = surface.normal_shading().dot(arriving.direction) > 0.0
+        && surface.normal_geometric().dot(arriving.direction) > 0.0;
+    // What is not a number is no reason to leave the ray out.
+    is_before && !(irradiance == 0.0) && !surface.is_black()
+}
+
 /// The ray between a surface and a light point, clear of both by their margins.
 #[inline(always)]
 pub fn shadow_ray<const ENVIRONMENT: bool>(surface: &Surface, light: &LightPoint) -> Ray {

@@ -192,6 +192,7 @@ fn cases() -> Vec<Case> {
                 "skip.few=off",
                 "skip.known=off",
                 "skip.black=off",
+                "skip.unlit=off",
                 "skip.trees=off",
                 "skip.primary=off",
             ],

@@ -5,6 +5,7 @@ use std::fmt::Write;
 use weir::{
     executor::cpu::Order,
     exit::Exit,
+    packed::PackOptions,
     render::{Backend, Request, facts_of},
     skips::{Cost, Rule, Skips, costs},
     technique::{ToneCurve, direct_light},
@@ -19,7 +20,8 @@ use super::{
 /// Prints the schedule, and what leaving work out saves if that is asked for.
 pub fn run(arguments: &GraphArguments) -> anyhow::Result<Exit> {
     let (scene, settings) = open::read(&arguments.scene)?;
-    let Opened { packed, camera, .. } = open::pack(&arguments.scene, &scene, settings.clone())?;
+    let Opened { packed, camera, .. } =
+        open::pack(&arguments.scene, &scene, settings.clone(), PackOptions::of(&settings))?;
     let (width, height) = (arguments.size.width, arguments.size.height);
     let facts = facts_of(&packed, width, height, &settings);
     let technique = arguments.integrator.technique().ok_or_else(no_passes)?;

@@ -87,15 +87,21 @@ pub fn camera_of(arguments: &SceneArguments, scene: &Scene) -> Result<Camera, Sc
 /// [`read`], then packs the scene and settles on a camera.
 pub fn open(arguments: &SceneArguments) -> anyhow::Result<Opened> {
     let (scene, settings) = read(arguments)?;
-    pack(arguments, &scene, settings)
+    let options = PackOptions::of(&settings);
+    pack(arguments, &scene, settings, options)
 }
 
-/// Packs a scene for these settings and settles on a camera.
-pub fn pack(arguments: &SceneArguments, scene: &Scene, settings: Settings) -> anyhow::Result<Opened> {
+/// Packs a scene and settles on a camera.
+pub fn pack(
+    arguments: &SceneArguments,
+    scene: &Scene,
+    settings: Settings,
+    options: PackOptions,
+) -> anyhow::Result<Opened> {
     let camera = camera_of(arguments, scene)?;
     let start = Instant::now();
-    let packed =
-        PackedScene::with(scene, &Moment { time_s: settings.time_s, ..Moment::default() }, PackOptions::of(&settings))?;
+    let moment = Moment { time_s: settings.time_s, ..Moment::default() };
+    let packed = PackedScene::with(scene, &moment, options)?;
     if !packed.content.shines() {
         tracing::warn!("{}: nothing emits light; only `Ke`, a file of lights and an environment map do", scene.name);
     }

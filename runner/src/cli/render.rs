@@ -24,6 +24,7 @@ use weir::{
     },
     exit::{Exit, Usage},
     output::{Destination, Layers, atomic, exr, heat::heat_map_picture, png},
+    packed::PackOptions,
     render::{
         Backend, RenderError, Rendered, Request, Stop, camera_matrices, layers, render, render_real_time,
         render_reference,
@@ -31,6 +32,7 @@ use weir::{
     settings::Settings,
     technique::Technique,
 };
+use weir_shared::resample::choice;
 
 use super::{Arguments, BackendArguments, BackendChoice, Command, Integrator, RenderArguments, open, stop_of};
 
@@ -91,7 +93,17 @@ pub fn run(arguments: &RenderArguments) -> anyhow::Result<Exit> {
     }
     arguments.backend.use_threads()?;
     let mut budget = budget_of(arguments)?;
-    let mut opened = open::open(&arguments.scene)?;
+    let (scene, settings) = open::read(&arguments.scene)?;
+    if budget.is_some() && settings.choice == choice::INVERSION {
+        let message = "--budget-ms changes the number of candidates, for which `reservoirs.choice=inversion` has a fixed \
+                       number of places in memory; choose one of them";
+        return Err(Usage(message.to_owned()).into());
+    }
+    // Whatever the settings are, a budget sends candidates down the light tree.
+    let of_settings = PackOptions::of(&settings);
+    let options = PackOptions { light_tree: of_settings.light_tree || budget.is_some(), ..of_settings };
+    let mut opened = open::pack(&arguments.scene, &scene, settings, options)?;
+    drop(scene);
     if let Some(budget) = &mut budget {
         budget.set_base(&opened.settings);
     }

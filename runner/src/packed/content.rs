@@ -8,9 +8,6 @@ use crate::{
     scene::{Material, Scene},
 };
 
-/// Bytes of tables over lights that a core's own cache holds.
-pub const CACHED_TABLE_BYTES: u64 = 1 << 20;
-
 /// What a scene has, as it is packed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Content {
@@ -36,8 +33,8 @@ pub struct Content {
     pub light_tree: bool,
     /// Trees for cuts.
     pub light_cuts: bool,
-    /// Tables over lights that are larger than [`CACHED_TABLE_BYTES`].
-    pub large_tables: bool,
+    /// Triangles and shapes that emit, over all instances there may be.
+    pub lights: u64,
 }
 
 impl Content {
@@ -98,7 +95,6 @@ impl Content {
             ("specular lobes", self.gloss),
             ("instances", self.instances),
             ("motion", self.motion),
-            ("light tables beyond a cache", self.large_tables),
         ];
         all.into_iter().filter(|(_, has)| !has).map(|(what, _)| what).collect()
     }

@@ -64,6 +64,8 @@ pub(super) struct MeshStart {
 pub(super) struct Capacity {
     instances: usize,
     emitters: usize,
+    /// Triangles and shapes that emit, over all instances.
+    pub(super) lights: u64,
     /// Whether there is a light tree.
     pub(super) has_tree: bool,
     /// Whether there is a tree for cuts.
@@ -80,7 +82,7 @@ impl Capacity {
         }
         let emitters = drawn().filter(|m| !m.lights.is_empty()).count();
         let (has_tree, has_cuts) = (options.light_tree && emitters > 0, options.light_cuts && emitters > 0);
-        Ok(Self { instances: drawn().count(), emitters, has_tree, has_cuts })
+        Ok(Self { instances: drawn().count(), emitters, lights, has_tree, has_cuts })
     }
 
     /// Words of a block of `records`: instances, their order in the top level, emitters, the guide to them.

@@ -167,7 +167,8 @@ pub const KNOBS: &[Knob] = &[
         help: "how these are drawn from the emissive triangles. power: by emitted power, less noise where some \
                lights are much brighter than others; uniform: all alike, less noise where the brightest are out of \
                sight; tiles: from lights drawn ahead by power, a tile of which each block of 8x8 pixels shares, the same \
-               law in less time where lights are more than a cache holds, but neighbours get the same ones; cells: from \
+               law in less time where lights are more than a cache holds, but neighbours get the same ones (as power \
+               where there are no more lights than a tile has records); cells: from \
                lights resampled for cells of space around the camera, near ones more often, for time that does not \
                depend on the size of the picture; tree: down the light tree alone, near and facing ones more often, for \
                time on each; cuts: near ones more often too, from clusters that each block of 8x8 pixels shares",
@@ -492,10 +493,11 @@ pub const KNOBS: &[Knob] = &[
     skip!(
         "presampling",
         Presampling,
-        "tiles, where a cache holds the light tables and pixels draw fewer lights than tiles hold"
+        "tiles, where there are no more lights than a tile has records: they are drawn by power then"
     ),
     skip!("known", Known, "shadow rays to samples that are known to be visible"),
     skip!("black", Black, "candidates and rays by the BSDF, where a surface reflects nothing"),
+    skip!("unlit", Unlit, "shadow rays of reuse to lights that face away, or that the surface faces away from"),
     skip!("trees", Trees, "light trees, where no candidate comes down one"),
     skip!("updates", Updates, "light tables, trees and uploads for a frame that shows the moment of the last"),
     skip!("primary", Primary, "camera rays of a frame that sees what the last two have seen, with `camera.jitter=off`"),

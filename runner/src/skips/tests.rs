@@ -6,7 +6,7 @@ use crate::{
     executor::cpu::{CpuExecutor, Order},
     packed::{Moment, PackOptions, PackedScene},
     render::{Backend, Request, facts_of},
-    scene::{Scene, builtin},
+    scene::{Scene, Texture, builtin},
     sequence::{Sequence, Shot},
     settings::Settings,
     technique::{Technique, ToneCurve, direct_light},
@@ -30,8 +30,22 @@ fn with_black() -> Scene {
     black
 }
 
+/// Cornell with an image on its walls, of which every other texel is a hole if `masked`.
+fn with_image(masked: bool) -> Scene {
+    let mut scene = built_in("cornell");
+    let texels = vec![0xffff_ffff, 0x00c0_8040, 0x0040_80c0, 0xffff_ffff];
+    scene.textures.push(Texture { name: "checks".to_owned(), width: 2, height: 2, srgb: true, texels });
+    for mesh in &mut scene.meshes {
+        mesh.uvs = mesh.positions.iter().map(|p| p.truncate() * 4.0).collect();
+    }
+    let material = scene.meshes[0].materials[0] as usize;
+    scene.materials[material].base_color_texture = Some(0);
+    scene.materials[material].alpha_texture = masked.then_some(0);
+    scene
+}
+
 /// Scenes that lack this and that: all but triangles in place; nothing that emits; a material that mirrors; one that
-/// reflects nothing; shapes and images; instances that move.
+/// reflects nothing; images and masks where nothing emits; shapes, and an image on what emits.
 fn scenes() -> Vec<(&'static str, Scene)> {
     let mut dark = built_in("cornell");
     dark.materials.iter_mut().for_each(|material| material.emission = Vec3::ZERO);
@@ -52,6 +66,8 @@ fn scenes() -> Vec<(&'static str, Scene)> {
         ("a sky alone", sky),
         ("gloss", glossy),
         ("black", with_black()),
+        ("image", with_image(false)),
+        ("mask", with_image(true)),
         ("studio", built_in("studio")),
     ]
 }
@@ -114,9 +130,9 @@ fn every_rule_for_passes_leaves_out_what_it_says() {
 
     let tiles = &["candidates.source=tiles"];
     let with = plan_of(Skips::default(), tiles, &packed);
-    assert!(!with.pass_names().contains(&"presample_tiles"), "256 pixels, 131072 records");
-    let few = &["candidates.source=tiles", "tiles.count=2", "tiles.size=8"];
-    assert!(plan_of(Skips::default(), few, &packed).pass_names().contains(&"presample_tiles"));
+    assert!(!with.pass_names().contains(&"presample_tiles"), "two lights are no more than a tile has records");
+    let small = &["candidates.source=tiles", "tiles.size=1"];
+    assert!(plan_of(Skips::default(), small, &packed).pass_names().contains(&"presample_tiles"));
     let without = plan_of(Skips::default().with(Rule::Presampling, false), tiles, &packed);
     assert!(without.pass_names().contains(&"presample_tiles") && without.frame_bytes() > with.frame_bytes());
 
@@ -249,18 +265,67 @@ fn surfaces_that_reflect_nothing_cost_neither_rays_nor_candidates() {
     assert!(black.iter().all(|&i| !with.2[i].has_sample() && with.2[i].confidence() == 1));
 }
 
+/// Rays of reuse that are left out report nothing, and nothing is lost by that.
+#[test]
+fn rays_of_reuse_to_what_cannot_matter_are_left_out() {
+    let scene = built_in("cornell");
+    let camera = scene.camera.expect("it has one");
+    let mut packed = PackedScene::new(&scene, 0.0).expect("it fits");
+    // Neighbours around corners, so that some face away from what lights the pixel.
+    let marks = |packed: &mut PackedScene, rule: &str| {
+        let knobs =
+            [&format!("skip.unlit={rule}"), "reuse.normal=180", "reuse.plane=1", "reuse.radius=12", "rays=quality"];
+        let settings = settings(&knobs);
+        let facts = facts_of(packed, 24, 24, &settings);
+        let outputs = ["temporal_marked", "moments"];
+        let plan =
+            direct_light(Technique::RealTime, &settings, &facts, ToneCurve::default(), &outputs).expect("a frame");
+        let mut executor = CpuExecutor::new(&plan);
+        let mut sequence = Sequence::new(&mut *packed, Request::new(camera, [24, 24], Technique::RealTime, settings));
+        for number in 0..3 {
+            let shot = sequence.shot(number);
+            let (frames, _) = sequence.next(&shot).expect("a frame");
+            executor.run(&plan, sequence.packed().buffers(), &frames);
+        }
+        let bytes = |name: &str| executor.output(&plan, name).expect("an output").to_vec();
+        let marked: Vec<Reservoir> = bytemuck::cast_slice(&bytes("temporal_marked")).to_vec();
+        let hidden = marked.iter().map(|held| (0..13).filter(|i| held.is_hidden(*i)).count()).sum::<usize>();
+        (hidden, bytes("moments"))
+    };
+    let (with, without) = (marks(&mut packed, "on"), marks(&mut packed, "off"));
+    assert_eq!(with.1, without.1);
+    assert!(with.0 < without.0, "{} {}", with.0, without.0);
+}
+
+/// Where it is said that lights are not drawn, what they would be drawn by does not matter; elsewhere it does.
 #[test]
 fn lights_that_can_all_be_candidates_are_not_drawn() {
-    let scene = built_in("cornell");
-    let (packed, camera) = (PackedScene::new(&scene, 0.0).expect("it fits"), scene.camera.expect("it has one"));
-    let [with, without] = ["on", "off"].map(|rule| {
-        let knobs = [&format!("skip.few={rule}"), "candidates.count=2", "candidates.bsdf=0"];
-        let mut frames = Frames::new(&packed, camera, &knobs, &["fresh"]);
-        frames.run(&packed);
-        frames.output::<Reservoir>("fresh")
-    });
-    // Of two drawn lights both may be on the half of the lamp that does less, even none that does anything.
-    assert_ne!(with, without);
+    let mut sky = built_in("cornell");
+    sky.environment = scenes().swap_remove(2).1.environment;
+    for (name, scene) in [("cornell", built_in("cornell")), ("sky", sky)] {
+        let camera = scene.camera.expect("it has one");
+        let mut listed = [0, 0];
+        for count in 1..=6 {
+            for rule in ["on", "off"] {
+                let knobs = [&format!("skip.few={rule}"), &format!("candidates.count={count}"), "candidates.bsdf=0"];
+                let mut packed = PackedScene::new(&scene, 0.0).expect("it fits");
+                let mut fresh = || {
+                    let mut frames = Frames::new(&packed, camera, &knobs, &["fresh"]);
+                    frames.run(&packed);
+                    // The table over the environment comes last.
+                    let emitters = packed.frame.environment_table_at.max(1) as usize;
+                    let end = if packed.content.distant { emitters } else { packed.lights.len() };
+                    packed.lights[..end].fill(0);
+                    (frames.output::<Reservoir>("fresh"), frames.plan.left_out())
+                };
+                let ((with, left_out), (without, _)) = (fresh(), fresh());
+                let is_listed = left_out.iter().any(|(what, _)| *what == "drawing lights");
+                assert_eq!(with == without, is_listed, "{name}, {count} candidates, rule {rule}");
+                listed[usize::from(is_listed)] += 1;
+            }
+        }
+        assert!(listed.iter().all(|count| *count > 2), "{name}: {listed:?}");
+    }
 }
 
 /// Light trees of meshes and over them are not built for settings that send no candidate down; and one that was not kept up
@@ -307,9 +372,29 @@ fn light_trees_are_built_where_candidates_come_down() {
     let anew = PackedScene::dynamic(&scene, &moment(0.25)).expect("it fits");
     assert_eq!(current, anew.lights);
     assert_eq!(lights_after(&["candidates.tree=3"], 0.25), (0, current));
+    // Others may send candidates down.
+    sequence.tune(&settings(&["candidates.tree=0"]));
+    sequence.keeps_tree = true;
+    sequence.next(&shot(0.5)).expect("a frame");
+    let anew = PackedScene::dynamic(&scene, &moment(0.5)).expect("it fits");
+    assert_eq!(sequence.packed().lights, anew.lights);
 }
 
-/// Camera rays are left out in the third frame that sees the same: what was planted in their results stays.
+/// What happens to a scene or its camera between two frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Change {
+    Nothing,
+    /// A shape, which no ray finds, moves and emits otherwise.
+    Shape,
+    Mesh,
+    Emission,
+    Order,
+    Camera,
+    Environment,
+}
+
+/// Camera rays are left out in the third frame that sees the same: what was planted in their results stays. And pictures
+/// are those of camera rays.
 #[test]
 fn camera_rays_are_left_out_while_the_camera_sees_the_same() {
     let scene = built_in("studio");
@@ -318,40 +403,77 @@ fn camera_rays_are_left_out_while_the_camera_sees_the_same() {
     let mut all = 0..scene.instances.len() as u32;
     let shape = all.clone().find(|i| triangles(i) == 0).expect("a shape");
     let mesh = all.find(|i| triangles(i) > 0).expect("a mesh");
-    for technique in [Technique::RealTime, Technique::Still] {
-        for (knobs, moved, is_kept) in [
-            (&["camera.jitter=off"] as &[&str], None, true),
-            (&["camera.jitter=off", "skip.primary=off"], None, false),
-            (&[], None, false),
-            (&["camera.jitter=off"], Some(true), true),
-            (&["camera.jitter=off"], Some(false), false),
-        ] {
-            let mut packed = PackedScene::dynamic(&scene, &Moment::default()).expect("it fits");
-            let settings = settings(knobs);
-            let facts = facts_of(&packed, 16, 16, &settings);
-            let outputs = ["surfaces", "emitted", "moments"];
-            let plan = direct_light(technique, &settings, &facts, ToneCurve::default(), &outputs).expect("a frame");
-            let mut executor = CpuExecutor::new(&plan);
-            let mut sequence = Sequence::new(&mut packed, Request::new(camera, [16, 16], technique, settings.clone()));
-            for number in 0..4 {
-                let instance = if moved == Some(true) { shape } else { mesh };
-                let x = if moved.is_some() { 0.01 * number as f32 } else { 0.0 };
-                let placed = scene.instances[instance as usize].world_from_object;
-                let placed = Mat4::from_translation(Vec3::new(x, 0.0, 0.0)) * placed;
-                let moment = Moment { placed: vec![(instance, placed)], ..Moment::default() };
-                let (frames, _) = sequence.next(&Shot { moment, camera }).expect("a frame");
-                executor.run(&plan, sequence.packed().buffers(), &frames);
-                if number < 2 {
-                    // In both halves of what is doubled.
-                    for name in ["surfaces", "emitted"] {
-                        executor.output_mut(&plan, name).expect("an output")[..16].fill(0x3f);
-                    }
+    let shot = |change: Change, number: u32| {
+        let step = number as f32;
+        let placed = |instance: u32| {
+            let before = scene.instances[instance as usize].world_from_object;
+            vec![(instance, Mat4::from_translation(Vec3::new(0.01 * step, 0.0, 0.0)) * before)]
+        };
+        let moment = match change {
+            Change::Shape => {
+                Moment { placed: placed(shape), emission: vec![(shape, Vec3::splat(1.0 + step))], ..Moment::default() }
+            }
+            Change::Mesh => Moment { placed: placed(mesh), ..Moment::default() },
+            Change::Emission => Moment { emission: vec![(mesh, Vec3::splat(1.0 + step))], ..Moment::default() },
+            Change::Order => {
+                let mut drawn: Vec<u32> = (0..scene.instances.len() as u32).collect();
+                drawn.rotate_left(number as usize);
+                Moment { drawn: Some(drawn), ..Moment::default() }
+            }
+            Change::Nothing | Change::Camera | Change::Environment => Moment::default(),
+        };
+        let aside = if change == Change::Camera { 0.01 * step } else { 0.0 };
+        Shot { moment, camera: crate::scene::Camera { origin: camera.origin + Vec3::X * aside, ..camera } }
+    };
+    // Results of the last frame of four.
+    let last = |knobs: &[&str], technique: Technique, change: Change, plants: bool| {
+        let mut packed = PackedScene::dynamic(&scene, &Moment::default()).expect("it fits");
+        let settings = settings(knobs);
+        let facts = facts_of(&packed, 16, 16, &settings);
+        let outputs = ["surfaces", "emitted", "moments"];
+        let plan = direct_light(technique, &settings, &facts, ToneCurve::default(), &outputs).expect("a frame");
+        let mut executor = CpuExecutor::new(&plan);
+        let mut sequence = Sequence::new(&mut packed, Request::new(camera, [16, 16], technique, settings.clone()));
+        for number in 0..4 {
+            if change == Change::Environment {
+                sequence.packed_mut().turn_environment(number as f32, 1.0);
+            }
+            let (frames, _) = sequence.next(&shot(change, number)).expect("a frame");
+            executor.run(&plan, sequence.packed().buffers(), &frames);
+            if plants && number < 2 {
+                // In both halves of what is doubled.
+                for name in ["surfaces", "emitted"] {
+                    executor.output_mut(&plan, name).expect("an output")[..16].fill(0x3f);
                 }
             }
-            let planted = [0x3f; 16];
-            let stays = |name: &str| executor.output(&plan, name).expect("an output")[..16] == planted;
-            let what = format!("{technique}, {knobs:?}, {moved:?}");
-            assert_eq!((stays("surfaces"), stays("emitted")), (is_kept, is_kept), "{what}");
+        }
+        ["surfaces", "emitted", "moments"].map(|name| executor.output(&plan, name).expect("an output").to_vec())
+    };
+    for technique in [Technique::RealTime, Technique::Still] {
+        for change in [
+            Change::Nothing,
+            Change::Shape,
+            Change::Mesh,
+            Change::Emission,
+            Change::Order,
+            Change::Camera,
+            Change::Environment,
+        ] {
+            let pictures = ["on", "off"].map(|rule| {
+                let knobs = ["camera.jitter=off", &format!("skip.primary={rule}")];
+                last(&knobs, technique, change, false)
+            });
+            assert_eq!(pictures[0], pictures[1], "{technique}, {change:?}");
+            for (knobs, jitter) in [
+                (&["camera.jitter=off"] as &[&str], false),
+                (&[], true),
+                (&["camera.jitter=off", "skip.primary=off"], true),
+            ] {
+                let is_kept = !jitter && matches!(change, Change::Nothing | Change::Shape);
+                let [surfaces, emitted, _] = last(knobs, technique, change, true);
+                let stays = (surfaces[..16] == [0x3f; 16], emitted[..16] == [0x3f; 16]);
+                assert_eq!(stays, (is_kept, is_kept), "{technique}, {change:?}, {knobs:?}");
+            }
         }
     }
 }

@@ -274,6 +274,7 @@ impl Engine {
         if let Some((budget, _)) = self.budget.as_ref().filter(|_| technique == Technique::RealTime) {
             request.settings = budget.settings().clone();
         }
+        self.sequence.keeps_tree = matches!(want.compare, Compare::With(_));
         let (frames, changed) = if technique == Technique::RealTime {
             self.sequence.request = request.clone();
             self.sequence.next(&Shot { moment, camera: want.camera })?

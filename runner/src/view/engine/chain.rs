@@ -89,7 +89,12 @@ pub(super) fn chain_for(
     {
         plan = planned(&[outputs, &[held]].concat())?;
     }
-    if chain.as_ref().is_some_and(|chain| chain.technique == request.technique && same(&chain.plan, &plan)) {
+    let is_there = |chain: &&mut Chain| chain.technique == request.technique && same(&chain.plan, &plan);
+    if let Some(chain) = chain.as_mut().filter(is_there) {
+        if chain.plan.facts.spared != plan.facts.spared {
+            chain.plan.facts.spared = plan.facts.spared;
+            chain.schedule = Arc::new(schedule(&chain.plan));
+        }
         return Ok(false);
     }
     // The old one is let go of first: two may not fit.
@@ -111,9 +116,10 @@ pub(super) fn chain_for(
 /// Whether two plans run the same passes on the same memory.
 fn same(a: &Plan, b: &Plan) -> bool {
     let is_like = |(a, b): (&Planned, &Planned)| {
-        a.variant.entry_point == b.variant.entry_point && (&a.slots, &a.names, a.round) == (&b.slots, &b.names, b.round)
+        a.variant.entry_point == b.variant.entry_point
+            && (&a.slots, &a.names, a.round, a.is_kept) == (&b.slots, &b.names, b.round, b.is_kept)
     };
-    a.facts == b.facts
+    a.facts.is_like(&b.facts)
         && a.outputs == b.outputs
         && a.pool == b.pool
         && a.history == b.history
