@@ -343,7 +343,8 @@ struct GraphArguments {
     /// In the DOT language of Graphviz
     #[arg(long)]
     dot: bool,
-    /// Then the time and memory of a frame without any rule of `skip.NAME`, with each alone, and with all
+    /// Then the time and memory of a frame, and of packing the scene, without any rule of `skip.NAME`, with each alone, and
+    /// with all
     #[arg(long, conflicts_with = "dot")]
     costs: bool,
     /// How often `--costs` takes the time of three frames

@@ -31,10 +31,12 @@ impl View {
 /// Whether camera rays find the same in two frames of one scene: those through the centers of pixels, from the same place,
 /// of what has not moved since.
 fn sees_the_same(a: &Frame, b: &Frame) -> bool {
+    if a.jitter != 0 || b.jitter != 0 {
+        return false;
+    }
     let seen = |frame: &Frame| Frame {
         width: frame.width,
         height: frame.height,
-        seed: if frame.jitter == 0 { 0 } else { frame.index },
         camera_origin: frame.camera_origin,
         camera_right: frame.camera_right,
         camera_up: frame.camera_up,
@@ -43,7 +45,6 @@ fn sees_the_same(a: &Frame, b: &Frame) -> bool {
         environment_cos: frame.environment_cos,
         environment_sin: frame.environment_sin,
         environment_scale: frame.environment_scale,
-        jitter: frame.jitter,
         ..Frame::default()
     };
     bytemuck::bytes_of(&seen(a)) == bytemuck::bytes_of(&seen(b))

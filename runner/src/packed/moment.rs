@@ -305,16 +305,15 @@ impl PackedScene {
         match self.tree_update.filter(|_| capacity.has_tree) {
             Some(TreeUpdate::Refit) if can_refit => {
                 light_tree::refit(&mut self.lights[tree_at..][..self.dynamics.tree_words], &bounds);
-                self.dynamics.is_tree_current = true;
             }
             Some(_) => {
                 let (tree, _) = light_tree::build(&bounds);
                 self.lights[tree_at..][..tree.len()].copy_from_slice(&tree);
                 self.dynamics.tree_words = tree.len();
-                self.dynamics.is_tree_current = true;
             }
-            None => self.dynamics.is_tree_current = false,
+            None => {}
         }
+        self.dynamics.is_tree_current = capacity.has_tree && self.tree_update.is_some();
         self.light_costs.tree.update = start.elapsed();
         let cuts_at = tree_at + capacity.tree_words();
         if capacity.has_cuts {

@@ -207,6 +207,16 @@ fn a_chain_is_unbiased_while_a_time_budget_moves_its_knobs() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// Neighbours share the lights that were drawn ahead, even where a tile holds more than there are.
+const TILES: &[&str] = &[
+    "rays=balanced",
+    "candidates.source=tiles",
+    "candidates.tree=0",
+    "tiles.count=2",
+    "tiles.size=8",
+    "skip.presampling=off",
+];
+
 /// Knobs of reuse in the chain, each turned.
 const CHAIN_VARIANTS: &[&[&str]] = &[
     &["rays=speed", "reuse.mis=pairwise"],
@@ -224,15 +234,7 @@ const CHAIN_VARIANTS: &[&[&str]] = &[
     // Groups of those that the light tree leaves.
     &["rays=balanced", "candidates.full=2", "candidates.tree=0"],
     &["rays=balanced", "candidates.source=uniform"],
-    // Neighbours share the lights that were drawn ahead.
-    &[
-        "rays=balanced",
-        "candidates.source=tiles",
-        "candidates.tree=0",
-        "tiles.count=2",
-        "tiles.size=8",
-        "skip.presampling=off",
-    ],
+    TILES,
     &["rays=balanced", "candidates.source=cells", "candidates.tree=0", "cells.slots=2", "cells.candidates=2"],
     &["rays=balanced", "candidates.source=tree", "candidates.tree_update=refit"],
     &["rays=balanced", "candidates.source=cuts", "candidates.tree=1"],

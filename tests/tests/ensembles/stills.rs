@@ -4,7 +4,7 @@ use weir::technique::Technique;
 use weir_shader::wiring::Pass;
 
 use crate::{
-    Bench, TIERS, is_long,
+    Bench, TIERS, TILES, is_long,
     planted::{NoBug, NoCanonicalTerm, NullWithoutConfidence, RejectedByContent, VisibilityUnknownToMis, passes_with},
     scenarios::{self, Scenario},
     statistics::{Ensemble, Verdict},
@@ -27,14 +27,7 @@ pub const VARIANTS: &[&[&str]] = &[
     &["rays=quality", "reuse.resolution=half"],
     &["rays=balanced", "candidates.full=2", "candidates.tree=0"],
     &["rays=balanced", "candidates.source=uniform"],
-    &[
-        "rays=balanced",
-        "candidates.source=tiles",
-        "candidates.tree=0",
-        "tiles.count=2",
-        "tiles.size=8",
-        "skip.presampling=off",
-    ],
+    TILES,
     &["rays=balanced", "candidates.source=cells", "candidates.tree=0", "cells.slots=2", "cells.candidates=2"],
     &["rays=balanced", "candidates.source=tree"],
     &["rays=balanced", "candidates.source=cuts", "candidates.tree=1"],
