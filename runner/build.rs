@@ -38,7 +38,8 @@ fn check(root: &Path) -> Result<(), String> {
             .map_err(|e| format!("cannot read the compiled shaders; restore them from git: {e}: {}", path.display()))
     };
     let committed = String::from_utf8_lossy(&read(digest::DIGEST_FILE)?).replace("\r\n", "\n");
-    let current = digest::digest(root, &read(digest::PLAIN_FILE)?, &read(digest::STRICT_FILE)?)
+    let [plain, strict, ray_query] = digest::MODULES.map(read);
+    let current = digest::digest(root, [&plain?, &strict?, &ray_query?])
         .map_err(|e| format!("cannot read the sources of the shaders: {e}"))?;
     if committed == current {
         return Ok(());

@@ -17,6 +17,7 @@ use std::{fmt::Write as _, io::Write as _, path::PathBuf};
 use anyhow::Context;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use weir::{
+    executor::gpu::Traversal,
     exit::{Exit, Usage},
     render::{RenderError, Stop},
     scene::{builtin::BUILTIN, export},
@@ -325,6 +326,9 @@ struct StressArguments {
     /// The table as JSON
     #[arg(long)]
     json: bool,
+    /// How a GPU traces rays
+    #[arg(long, value_enum, default_value_t = Traversal::Auto)]
+    traversal: Traversal,
     /// Instead of the list: 100,000 frames of a chain that stands still and 10,000 of one that moves
     #[arg(long, conflicts_with_all = ["case", "json"])]
     endurance: bool,

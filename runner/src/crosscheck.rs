@@ -22,7 +22,7 @@ use crate::{
     },
     exit::{Exit, HasExit},
     graph::{Facts, GraphError, Plan, Planned, Slot},
-    packed::{Changed, PackError, PackedScene},
+    packed::{PackError, PackedScene},
     sequence::{Sequence, Shot},
     settings::Settings,
     technique::{RESOURCES, Technique, ToneCurve, direct_light_with},
@@ -43,7 +43,7 @@ pub struct Check<'a> {
     pub curve: ToneCurve,
     /// How the SPIR-V reaches the driver.
     pub loader: Loader,
-    /// Equality is to be expected of [`Module::Strict`] only.
+    /// Equality is to be expected of [`Module::Strict`] only, and of rays in software.
     pub module: Module,
 }
 
@@ -86,16 +86,14 @@ pub fn check<S: BorrowMut<PackedScene>>(
     let plan = unshared_plan(what)?;
     let scene = sequence.packed().buffers();
     let mut executor = GpuExecutor::new(gpu, &plan, scene, what.loader, what.module)?;
-    let mut report = Report::new(gpu, what.module, executor.loader(), &plan);
+    let mut report = Report::new(gpu, what.module, &executor, &plan);
     for (i, shot) in shots.iter().enumerate() {
         let (mut frames, changed) = sequence.next(shot)?;
         if what.technique != Technique::RealTime {
             frames.now.accumulated = i as u32;
         }
         let scene = sequence.packed().buffers();
-        for Changed { buffer, range } in changed {
-            executor.update_scene(buffer, range.start as u64, &scene.bytes(buffer)[range])?;
-        }
+        executor.update(scene, &changed)?;
         executor.run(&frames)?;
         let mut contents = BTreeMap::new();
         for &(_, slot) in plan.steps.iter().flat_map(|s| &s.slots) {

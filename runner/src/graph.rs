@@ -15,6 +15,7 @@ use weir_shader::wiring::{Access, Extent, Feature, Grid, Pass, Variant};
 use weir_shared::frame::{Frame, FramePair};
 
 use crate::{
+    executor::gpu::Traversal,
     exit::{Exit, HasExit},
     skips::FEATURES,
 };
@@ -176,6 +177,8 @@ pub struct Facts {
     pub has: Vec<Need>,
     /// Features that choose among the variants of passes.
     pub features: Vec<Feature>,
+    /// How rays find what they meet on a GPU.
+    pub traversal: Traversal,
     /// Work within and around passes that frames do without, and why.
     pub spared: Vec<(&'static str, &'static str)>,
 }

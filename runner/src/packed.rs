@@ -24,7 +24,7 @@ use weir_shared::{
 };
 
 use crate::{
-    executor::SceneBuffers,
+    executor::{MeshRange, Placement, SceneBuffers},
     exit::{Exit, HasExit},
     scene::{DistantLight, Environment, Material, Scene},
     settings::Settings,
@@ -99,6 +99,7 @@ pub struct PackedScene {
     pub tree_update: Option<TreeUpdate>,
     origins: Origin,
     dynamics: Dynamics,
+    meshes: Vec<MeshRange>,
 }
 
 /// What a scene is packed for.
@@ -247,6 +248,7 @@ impl PackedScene {
         let mut triangles = Vec::with_capacity(meshes.iter().map(|m| m.triangles.len()).sum());
         let mut bvh = Vec::with_capacity(meshes.iter().map(|m| m.nodes.len()).sum());
         let mut starts = Vec::with_capacity(meshes.len());
+        let mut ranges = Vec::with_capacity(meshes.len());
         for mesh in &meshes {
             let table_at = lights.len() as u32;
             lights.extend_from_slice(&mesh.light_table);
@@ -268,6 +270,11 @@ impl PackedScene {
                 light_cuts_at,
                 light_bounds: mesh.light_bounds,
                 shape: mesh.shape,
+            });
+            ranges.push(MeshRange {
+                first: (triangles.len() / 9) as u32,
+                count: (mesh.triangles.len() / 9) as u32,
+                has_masks: mesh.has_masks,
             });
             bvh.extend_from_slice(&mesh.nodes);
             triangles.extend_from_slice(&mesh.triangles);
@@ -292,8 +299,8 @@ impl PackedScene {
         fit("bvh", bvh.len() as u64 * 4)?;
 
         let bounds = meshes.iter().map(|m| m.bounds).collect::<Vec<_>>();
-        let are_shapes = meshes.iter().map(|m| m.shape.is_some()).collect();
-        let top = TopLevel::new(scene.instances.clone(), bounds, are_shapes, bvh.len());
+        let are_found = meshes.iter().map(|m| m.is_found).collect();
+        let top = TopLevel::new(scene.instances.clone(), bounds, are_found, bvh.len());
         bvh.resize(bvh.len() + 2 * top.capacity_rows(), UVec4::ZERO);
         let has_lights = meshes.iter().any(|m| !m.lights.is_empty());
         let cost = |over_emitters: usize, of_mesh: fn(&PackedMesh) -> (Duration, usize)| LightCost {
@@ -320,6 +327,7 @@ impl PackedScene {
             tree_update: Some(TreeUpdate::default()),
             origins,
             dynamics: Dynamics::new(top, starts, capacity, options.dynamic, has_lights),
+            meshes: ranges,
         };
         packed.show(moment)?;
         packed.content = packed.content_of(scene);
@@ -379,6 +387,11 @@ impl PackedScene {
             texels: &self.texels,
             bvh: &self.bvh,
             lights: &self.lights,
+            placement: Placement {
+                meshes: &self.meshes,
+                blocks: self.dynamics.blocks,
+                capacity: self.dynamics.capacity.instances as u32,
+            },
         }
     }
 

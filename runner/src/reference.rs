@@ -106,7 +106,7 @@ impl Shape {
         let word = |field| scene.instance_word(frame, instance, field);
         let flags = word(instance_record::FLAGS);
         let kind = flags >> attribute_flags::SHAPE_SHIFT;
-        if kind == shape::TRIANGLES {
+        if kind == shape::TRIANGLES || kind == shape::UNSEEN {
             return None;
         }
         let float = |at: u32| f64::from(f32::from_bits(scene.record(at)));
@@ -465,7 +465,9 @@ impl<'a> Reference<'a> {
         if !self.visible(&Ray { origin, direction: end - origin, t_max: 1.0 }) {
             return DVec3::ZERO;
         }
-        reflected * emission.as_dvec3() / (pdf + f64::from(bsdf.pdf_solid_angle(direction)))
+        let is_unseen = scene.shape_of(frame, instance) == shape::UNSEEN;
+        let pdf_bsdf = if is_unseen { 0.0 } else { f64::from(bsdf.pdf_solid_angle(direction)) };
+        reflected * emission.as_dvec3() / (pdf + pdf_bsdf)
     }
 
     fn environment_sample(

@@ -252,6 +252,7 @@ pub fn facts_of(packed: &PackedScene, width: u32, height: u32, settings: &Settin
         records: records_of(packed, width, height, settings),
         has: has_of(packed, settings),
         features: settings.skips.features(&packed.content.features()),
+        traversal: settings.traversal,
         spared: spared(packed, settings),
     }
 }

@@ -14,6 +14,7 @@ use weir_shared::{
 };
 
 use crate::{
+    executor::gpu::Traversal,
     exit::{Exit, HasExit},
     packed::TreeUpdate,
     skips::{Rule, Skips},
@@ -88,6 +89,7 @@ pub struct Settings {
     pub choice: u32,
     pub mis_form: u32,
     pub rays: Rays,
+    pub traversal: Traversal,
     pub sum: bool,
     pub confidence_cap: u32,
     pub temporal_neighbors: u32,

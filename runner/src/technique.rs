@@ -300,7 +300,7 @@ pub fn direct_light_with(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::settings::Preset;
+    use crate::{executor::gpu::Traversal, settings::Preset};
 
     /// Passes that shoot rays after the camera's, and how many of them a frame has.
     fn rays(technique: Technique, preset: Preset) -> [usize; 4] {
@@ -312,6 +312,7 @@ mod tests {
             records: [1; 2],
             has: vec![Need::Lights],
             features: Vec::new(),
+            traversal: Traversal::Auto,
             spared: Vec::new(),
         };
         let plan = direct_light(technique, &preset.settings(), &facts, ToneCurve::default(), &["display"]);
@@ -345,6 +346,7 @@ mod tests {
                 records,
                 has: has.to_vec(),
                 features: Vec::new(),
+                traversal: Traversal::Auto,
                 spared: Vec::new(),
             };
             direct_light(Technique::Still, &settings, &facts, ToneCurve::default(), &["display"]).expect("a frame")
@@ -387,6 +389,7 @@ mod tests {
                 records,
                 has,
                 features: Vec::new(),
+                traversal: Traversal::Auto,
                 spared: Vec::new(),
             };
             direct_light(Technique::Still, &settings, &facts, ToneCurve::default(), &["display"]).expect("a frame")

@@ -1,8 +1,7 @@
 //! Rays by the BSDF: candidates that a table of lights would rarely draw, such as what a glossy surface mirrors.
 
-use glam::{UVec2, UVec4};
+use glam::UVec2;
 use weir_shared::{
-    bvh::closest_hit,
     environment,
     frame::{Frame, skip},
     light::{self, ENVIRONMENT_BIT, NO_LIGHT},
@@ -13,6 +12,7 @@ use weir_shared::{
     scene::Scene,
     surface::Surface,
     target::Domain,
+    trace::Tracer,
     triangle::triangle_to_square,
 };
 
@@ -22,7 +22,7 @@ pub fn bsdf_rays<const MASKS: bool, const ENVIRONMENT: bool, const INSTANCES: bo
     reservoir: u32,
     frame: &Frame,
     scene: &Scene,
-    bvh: &[UVec4],
+    tracer: impl Tracer,
     surfaces: &[Surface],
 ) -> Reservoir {
     let surface = load(surfaces, frame.index_of(px));
@@ -36,7 +36,7 @@ pub fn bsdf_rays<const MASKS: bool, const ENVIRONMENT: bool, const INSTANCES: bo
         return Reservoir::EMPTY;
     }
     let origin = offset_origin(surface.position(), bsdf.normal_geometric, surface.error, direction);
-    let hit = closest_hit::<MASKS, INSTANCES>(frame, scene, bvh, &Ray { origin, direction, t_max: FAR });
+    let hit = tracer.closest_hit::<MASKS, INSTANCES>(frame, scene, &Ray { origin, direction, t_max: FAR });
     if hit.is_miss() {
         if !ENVIRONMENT || frame.environment_width == 0 {
             return Reservoir::EMPTY;

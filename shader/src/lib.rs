@@ -24,9 +24,9 @@ pub mod temporal;
 pub mod visibility;
 
 passes! {
-    pixel primary[TEXTURES ENVIRONMENT INSTANCES](scene, bvh: [UVec4]) -> (surfaces: [Surface], emitted: [Vec4])
+    pixel primary[TEXTURES ENVIRONMENT INSTANCES](scene, rays) -> (surfaces: [Surface], emitted: [Vec4])
         = primary::primary;
-    reservoir bsdf_rays[MASKS ENVIRONMENT INSTANCES](scene, bvh: [UVec4], surfaces: [Surface])
+    reservoir bsdf_rays[MASKS ENVIRONMENT INSTANCES](scene, rays, surfaces: [Surface])
         -> (bsdf_hits: [Reservoir]) = bsdf_rays::bsdf_rays;
     record presample_tiles[EMISSION_IMAGES ENVIRONMENT](scene, lights: [u32]) -> (presampled: [LightRecord])
         = presample::tiles;
@@ -38,9 +38,9 @@ passes! {
     candidate resident[EMISSION_IMAGES ENVIRONMENT SPECULAR](scene, lights: [u32], surfaces: [Surface],
         bsdf_hits: [Reservoir], presampled: [LightRecord]) -> (resident: [Candidate]) = candidates::resident;
     reservoir candidates_by_inversion[](resident: [Candidate]) -> (fresh: [Reservoir]) = candidates::by_inversion;
-    reservoir visibility[MASKS ENVIRONMENT INSTANCES](scene, bvh: [UVec4], surfaces: [Surface],
+    reservoir visibility[MASKS ENVIRONMENT INSTANCES](scene, rays, surfaces: [Surface],
         unseen: [Reservoir]) -> (visible: [Reservoir]) = visibility::visibility;
-    reservoir temporal_rays[MASKS ENVIRONMENT INSTANCES](prev_frame, scene, bvh: [UVec4], surfaces: [Surface],
+    reservoir temporal_rays[MASKS ENVIRONMENT INSTANCES](prev_frame, scene, rays, surfaces: [Surface],
         prev_surfaces: [Surface], fresh: [Reservoir], prev_reservoirs: [Reservoir]) -> (marked: [Reservoir])
         = temporal::rays;
     reservoir temporal[EMISSION_IMAGES ENVIRONMENT SPECULAR](prev_frame, scene, surfaces: [Surface],
@@ -49,7 +49,7 @@ passes! {
     reservoir temporal_any_form[](prev_frame, scene, surfaces: [Surface], prev_surfaces: [Surface],
         fresh: [Reservoir], prev_reservoirs: [Reservoir]) -> (merged: [Reservoir], gathered: [Vec4])
         = temporal::any_form;
-    reservoir spatial_rays[MASKS ENVIRONMENT INSTANCES](scene, bvh: [UVec4], surfaces: [Surface],
+    reservoir spatial_rays[MASKS ENVIRONMENT INSTANCES](scene, rays, surfaces: [Surface],
         merging: [Reservoir]) -> (marked: [Reservoir]) = spatial::rays;
     reservoir spatial[EMISSION_IMAGES ENVIRONMENT SPECULAR](scene, surfaces: [Surface], marked: [Reservoir],
         merging: [Reservoir]) -> (merged: [Reservoir], gathered: [Vec4]) = spatial::spatial;

@@ -1,9 +1,8 @@
 //! Primary visibility: what the ray of each pixel finds.
 
-use glam::{UVec2, UVec4, Vec4};
+use glam::{UVec2, Vec4};
 use weir_shared::{
-    bvh::closest_hit, camera::camera_ray, environment, frame::Frame, scene::Scene, surface::Surface,
-    surface::surface_at,
+    camera::camera_ray, environment, frame::Frame, scene::Scene, surface::Surface, surface::surface_at, trace::Tracer,
 };
 
 /// The surface of a pixel, and the radiance that it emits toward the camera (in w: 1; 0 for sky).
@@ -13,10 +12,10 @@ pub fn primary<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES: b
     px: UVec2,
     frame: &Frame,
     scene: &Scene,
-    bvh: &[UVec4],
+    tracer: impl Tracer,
 ) -> (Surface, Vec4) {
     let ray = camera_ray(px, frame);
-    let hit = closest_hit::<TEXTURES, INSTANCES>(frame, scene, bvh, &ray);
+    let hit = tracer.closest_hit::<TEXTURES, INSTANCES>(frame, scene, &ray);
     if hit.is_miss() {
         let sky = if ENVIRONMENT { environment::radiance(frame, scene, ray.direction).extend(0.0) } else { Vec4::ZERO };
         return (Surface::default(), sky);

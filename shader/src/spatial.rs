@@ -1,8 +1,7 @@
 //! Spatial reuse: pixels nearby lend their reservoirs. A round of it reads what the round before has written.
 
-use glam::{UVec2, UVec4, Vec3, Vec4};
+use glam::{UVec2, Vec3, Vec4};
 use weir_shared::{
-    bvh::unoccluded,
     fault,
     frame::{Frame, skip},
     light::{self, LightPoint},
@@ -14,6 +13,7 @@ use weir_shared::{
     scene::Scene,
     surface::Surface,
     target::{Domain, mean},
+    trace::Tracer,
 };
 
 use crate::collect::{Collector, Offered};
@@ -181,7 +181,7 @@ pub fn rays<const MASKS: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
     reservoir: u32,
     frame: &Frame,
     scene: &Scene,
-    bvh: &[UVec4],
+    tracer: impl Tracer,
     surfaces: &[Surface],
     merging: &[Reservoir],
 ) -> Reservoir {
@@ -209,7 +209,7 @@ pub fn rays<const MASKS: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
             let point = light::evaluate::<false, ENVIRONMENT>(frame, scene, sample.light, sample.uv);
             let ray = light::shadow_ray::<ENVIRONMENT>(&start, &point);
             let matters = !frame.skips(skip::UNLIT) || light::may_matter::<ENVIRONMENT>(&start, &point);
-            if matters && !unoccluded::<MASKS, INSTANCES>(frame, scene, bvh, &ray) {
+            if matters && !tracer.unoccluded::<MASKS, INSTANCES>(frame, scene, &ray) {
                 own = own.with_hidden(i);
             }
         }

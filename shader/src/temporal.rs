@@ -3,9 +3,8 @@
 //! Its targets are evaluated with its own surfaces, camera, lights and acceleration structure, so that the weights are
 //! exact whatever moves. Samples are translated between the light ids of the two frames.
 
-use glam::{UVec2, UVec4, Vec3, Vec4};
+use glam::{UVec2, Vec3, Vec4};
 use weir_shared::{
-    bvh::unoccluded,
     fault,
     frame::{Frame, FramePair, skip},
     light::{self, LightPoint, NO_LIGHT},
@@ -17,6 +16,7 @@ use weir_shared::{
     scene::Scene,
     surface::Surface,
     target::{Domain, mean},
+    trace::Tracer,
 };
 
 use crate::collect::Collector;
@@ -249,7 +249,7 @@ pub fn rays<const MASKS: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
     frame: &Frame,
     prev_frame: &Frame,
     scene: &Scene,
-    bvh: &[UVec4],
+    tracer: impl Tracer,
     surfaces: &[Surface],
     prev_surfaces: &[Surface],
     fresh: &[Reservoir],
@@ -286,7 +286,7 @@ pub fn rays<const MASKS: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
                 let point = light::evaluate::<false, ENVIRONMENT>(&moment, scene, light, sample.uv);
                 let ray = light::shadow_ray::<ENVIRONMENT>(&start, &point);
                 let matters = !frame.skips(skip::UNLIT) || light::may_matter::<ENVIRONMENT>(&start, &point);
-                if matters && !unoccluded::<MASKS, INSTANCES>(&moment, scene, bvh, &ray) {
+                if matters && !tracer.unoccluded::<MASKS, INSTANCES>(&moment, scene, &ray) {
                     own = own.with_hidden(i);
                 }
             }

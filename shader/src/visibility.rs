@@ -1,14 +1,14 @@
 //! Visibility: one shadow ray to the sample that each reservoir holds.
 
-use glam::{UVec2, UVec4};
+use glam::UVec2;
 use weir_shared::{
-    bvh::unoccluded,
     frame::{Frame, skip},
     light,
     numerics::load,
     reservoir::Reservoir,
     scene::Scene,
     surface::Surface,
+    trace::Tracer,
 };
 
 /// The reservoir, its contribution weight set to zero where something stands between surface and light. At most one
@@ -18,7 +18,7 @@ pub fn visibility<const MASKS: bool, const ENVIRONMENT: bool, const INSTANCES: b
     reservoir: u32,
     frame: &Frame,
     scene: &Scene,
-    bvh: &[UVec4],
+    tracer: impl Tracer,
     surfaces: &[Surface],
     unseen: &[Reservoir],
 ) -> Reservoir {
@@ -30,7 +30,7 @@ pub fn visibility<const MASKS: bool, const ENVIRONMENT: bool, const INSTANCES: b
     // Only where the light is matters here, not its texture.
     let point = light::evaluate::<false, ENVIRONMENT>(frame, scene, held.light, held.uv);
     let ray = light::shadow_ray::<ENVIRONMENT>(&surface, &point);
-    if unoccluded::<MASKS, INSTANCES>(frame, scene, bvh, &ray) {
+    if tracer.unoccluded::<MASKS, INSTANCES>(frame, scene, &ray) {
         held = held.known_visible();
     } else {
         held.ucw = 0.0;

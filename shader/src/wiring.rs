@@ -31,7 +31,9 @@
 //! A row that starts with `reservoir` instead of `pixel` runs once for each reservoir of each pixel: the function gets its
 //! number after the pixel, and outputs have an element for each; `candidate` does so for each candidate of each. One that starts with `record` runs once for each record of
 //! lights drawn ahead: instead of the pixel the function gets column and row of the record. The input `prev_frame` stands
-//! for the frame before, in the same uniform. Binding numbers are consumed from a list, so they are dense by construction;
+//! for the frame before, in the same uniform. The input `rays` is what finds intersections: the nodes `bvh`, or, with the
+//! feature `ray-query`, which leaves out all rows but those that trace rays, acceleration structures of the driver for the
+//! two blocks of instances. Binding numbers are consumed from a list, so they are dense by construction;
 //! the same types are checked on both sides by the call.
 
 /// Declares the passes; see the module's documentation.
@@ -40,6 +42,7 @@ macro_rules! passes {
     // All rows.
     ($($extent:ident $name:ident [$($feature:ident)*] ($($input:tt)*) -> ($($output:ident : [$element:ty]),+) = $file:ident :: $function:ident ;)*) => {
         /// GPU entry points: one module a pass, one function a combination of its features.
+        #[cfg(not(all(feature = "ray-query", target_arch = "spirv")))]
         pub mod entry {
             $(
                 #[doc = concat!("Entry points of pass `", stringify!($name), "`.")]
@@ -47,6 +50,19 @@ macro_rules! passes {
                     #[allow(unused_imports)]
                     use $crate::wiring::prelude::*;
                     $crate::passes!{ @variants entry ($extent $file $function) [$($feature)*] [$($input)*] [$($output : [$element]),+] }
+                }
+            )*
+        }
+
+        /// GPU entry points of the passes that trace rays, by ray queries.
+        #[cfg(all(feature = "ray-query", target_arch = "spirv"))]
+        pub mod entry {
+            $(
+                #[doc = concat!("Entry points of pass `", stringify!($name), "`.")]
+                pub mod $name {
+                    #[allow(unused_imports)]
+                    use $crate::wiring::prelude::*;
+                    $crate::passes!{ @variants query ($extent $file $function) [$($feature)*] [$($input)*] [$($output : [$element]),+] }
                 }
             )*
         }
@@ -154,6 +170,9 @@ macro_rules! passes {
     (@bindings $done:tt [prev_frame, $($rest:tt)*] $o:tt) => {
         $crate::passes!(@bindings $done [$($rest)*] $o)
     };
+    (@bindings [$($done:tt)*] [rays $(, $($rest:tt)*)?] $o:tt) => {
+        $crate::passes!(@bindings [$($done)* (bvh UVec4)] [$($($rest)*)?] $o)
+    };
     (@bindings [$($done:tt)*] [scene $(, $($rest:tt)*)?] $o:tt) => {
         $crate::passes!(@bindings [$($done)* (triangles f32) (records u32) (texels u32)] [$($($rest)*)?] $o)
     };
@@ -168,6 +187,13 @@ macro_rules! passes {
     };
 
     // GPU entry point: number the bindings and collect the arguments, then write the function.
+    (@query $variant:ident $f:tt $g:tt [prev_frame, scene, rays $(, $($rest:tt)*)?] $o:tt) => {
+        $crate::passes!{ @entry $variant $f $g [prev_frame, scene, queries $(, $($rest)*)?] $o }
+    };
+    (@query $variant:ident $f:tt $g:tt [scene, rays $(, $($rest:tt)*)?] $o:tt) => {
+        $crate::passes!{ @entry $variant $f $g [scene, queries $(, $($rest)*)?] $o }
+    };
+    (@query $variant:ident $f:tt $g:tt $i:tt $o:tt) => {};
     (@entry $variant:ident $f:tt [$($flag:literal),*] [$($i:tt)*] $o:tt) => {
         $crate::passes!{ @number $variant $f [$($flag),*] (frames frame) [1 2 3 4 5 6 7 8 9 10 11 12] [] [] [$($i)*] $o }
     };
@@ -176,20 +202,28 @@ macro_rules! passes {
     };
     (@number $v:ident $f:tt $g:tt $frame:tt [$n0:literal $n1:literal $n2:literal $($n:literal)*] [$($p:tt)*] [$($a:tt)*] [scene $(, $($rest:tt)*)?] $o:tt) => {
         $crate::passes!{ @number $v $f $g $frame [$($n)*]
-            [$($p)* ($n0 triangles f32) ($n1 records u32) ($n2 texels u32)]
+            [$($p)* ($n0 triangles [f32], storage_buffer) ($n1 records [u32], storage_buffer) ($n2 texels [u32], storage_buffer)]
             [$($a)* (&Scene { triangles, records, texels })] [$($($rest)*)?] $o }
     };
+    (@number $v:ident $f:tt $g:tt $frame:tt [$n0:literal $($n:literal)*] [$($p:tt)*] [$($a:tt)*] [rays $(, $($rest:tt)*)?] $o:tt) => {
+        $crate::passes!{ @number $v $f $g $frame [$($n)*] [$($p)* ($n0 bvh [UVec4], storage_buffer)] [$($a)* (bvh)] [$($($rest)*)?] $o }
+    };
+    (@number $v:ident $f:tt $g:tt $frame:tt [$n0:literal $n1:literal $($n:literal)*] [$($p:tt)*] [$($a:tt)*] [queries $(, $($rest:tt)*)?] $o:tt) => {
+        $crate::passes!{ @number $v $f $g $frame [$($n)*]
+            [$($p)* ($n0 even AccelerationStructure) ($n1 odd AccelerationStructure)]
+            [$($a)* (Queries { even, odd })] [$($($rest)*)?] $o }
+    };
     (@number $v:ident $f:tt $g:tt $frame:tt [$n0:literal $($n:literal)*] [$($p:tt)*] [$($a:tt)*] [$name:ident : [$element:ty] $(, $($rest:tt)*)?] $o:tt) => {
-        $crate::passes!{ @number $v $f $g $frame [$($n)*] [$($p)* ($n0 $name $element)] [$($a)* ($name)] [$($($rest)*)?] $o }
+        $crate::passes!{ @number $v $f $g $frame [$($n)*] [$($p)* ($n0 $name [$element], storage_buffer)] [$($a)* ($name)] [$($($rest)*)?] $o }
     };
     (@number $v:ident ($extent:ident $file:ident $function:ident) [$($flag:literal),*] ($frames:ident $frame:ident) [$n0:literal $($n:literal)*]
-        [$(($number:literal $param:ident $type:ty))*] [$($argument:tt)*] [] [$output:ident : [$element:ty]]) => {
+        [$(($number:literal $param:ident $type:ty $(, $class:ident)?))*] [$($argument:tt)*] [] [$output:ident : [$element:ty]]) => {
         #[spirv(compute(threads(8, 8)))]
         #[doc = "Entry point."]
         pub fn $v(
             #[spirv(global_invocation_id)] id: UVec3,
             #[spirv(uniform, descriptor_set = 0, binding = 0)] $frames: &FramePair,
-            $(#[spirv(storage_buffer, descriptor_set = 0, binding = $number)] $param: &[$type],)*
+            $(#[spirv($($class,)? descriptor_set = 0, binding = $number)] $param: &$type,)*
             #[spirv(storage_buffer, descriptor_set = 0, binding = $n0)] $output: &mut [$element],
         ) {
             let px = id.truncate();
@@ -201,14 +235,14 @@ macro_rules! passes {
         }
     };
     (@number $v:ident ($extent:ident $file:ident $function:ident) [$($flag:literal),*] ($frames:ident $frame:ident) [$n0:literal $n1:literal $($n:literal)*]
-        [$(($number:literal $param:ident $type:ty))*] [$($argument:tt)*] []
+        [$(($number:literal $param:ident $type:ty $(, $class:ident)?))*] [$($argument:tt)*] []
         [$first:ident : [$first_element:ty], $second:ident : [$second_element:ty]]) => {
         #[spirv(compute(threads(8, 8)))]
         #[doc = "Entry point."]
         pub fn $v(
             #[spirv(global_invocation_id)] id: UVec3,
             #[spirv(uniform, descriptor_set = 0, binding = 0)] $frames: &FramePair,
-            $(#[spirv(storage_buffer, descriptor_set = 0, binding = $number)] $param: &[$type],)*
+            $(#[spirv($($class,)? descriptor_set = 0, binding = $number)] $param: &$type,)*
             #[spirv(storage_buffer, descriptor_set = 0, binding = $n0)] $first: &mut [$first_element],
             #[spirv(storage_buffer, descriptor_set = 0, binding = $n1)] $second: &mut [$second_element],
         ) {
@@ -229,6 +263,9 @@ macro_rules! passes {
     };
     (@collect $v:ident $f:tt $g:tt ($frames:ident $frame:ident) $p:tt [$($a:tt)*] [prev_frame, $($rest:tt)*] $o:tt) => {
         $crate::passes!{ @collect $v $f $g ($frames $frame) $p [$($a)* (&$frames.prev)] [$($rest)*] $o }
+    };
+    (@collect $v:ident $f:tt $g:tt $frame:tt [$($p:tt)*] [$($a:tt)*] [rays $(, $($rest:tt)*)?] $o:tt) => {
+        $crate::passes!{ @collect $v $f $g $frame [$($p)* (bvh UVec4)] [$($a)* (bvh)] [$($($rest)*)?] $o }
     };
     (@collect $v:ident $f:tt $g:tt $frame:tt [$($p:tt)*] [$($a:tt)*] [scene $(, $($rest:tt)*)?] $o:tt) => {
         $crate::passes!{ @collect $v $f $g $frame [$($p)* (triangles f32) (records u32) (texels u32)]
@@ -278,6 +315,7 @@ macro_rules! passes {
 macro_rules! draws {
     ($($name:ident ($($input:ident : [$element:ty]),+) = $file:ident :: $function:ident ;)*) => {
         /// GPU entry points of what is drawn: one module a row.
+        #[cfg(not(all(feature = "ray-query", target_arch = "spirv")))]
         pub mod screen {
             $(
                 #[doc = concat!("Entry points of `", stringify!($name), "`.")]
@@ -328,7 +366,11 @@ pub mod prelude {
     #[cfg(not(target_arch = "spirv"))]
     pub use super::super::kernel;
     pub use glam::{UVec3, UVec4, Vec4};
+    #[cfg(target_arch = "spirv")]
+    pub use spirv_std::ray_tracing::AccelerationStructure;
     pub use spirv_std::spirv;
+    #[cfg(target_arch = "spirv")]
+    pub use weir_shared::ray_query::Queries;
     pub use weir_shared::{
         frame::FramePair, moments::Moments, numerics::store, presample::LightRecord, resample::Candidate,
         reservoir::Reservoir, scene::Scene, surface::Surface, window::Window,

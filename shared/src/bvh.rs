@@ -13,6 +13,7 @@ use crate::{
     ray::{Hit, Ray},
     scene::{Scene, instance_record},
     texture::is_opaque,
+    trace::Tracer,
     triangle::ShearedRay,
 };
 
@@ -244,10 +245,7 @@ impl Tests for PortableTests {
     }
 }
 
-/// The nearest triangle that a ray meets before `ray.t_max`.
-///
-/// `MASKS`: alpha masks are honoured. `INSTANCES`: the scene has a top level; without it, instance 0 is all
-/// there is, in world space.
+/// The nearest triangle that a ray meets before `ray.t_max`; see [`Tracer::closest_hit`].
 #[inline(always)]
 pub fn closest_hit<const MASKS: bool, const INSTANCES: bool>(
     frame: &Frame,
@@ -263,7 +261,7 @@ pub fn closest_hit<const MASKS: bool, const INSTANCES: bool>(
     closest_hit_with::<MASKS, INSTANCES, _>(frame, scene, bvh, ray, PortableTests)
 }
 
-/// Whether no triangle lies between the ends of the ray. The constants are those of [`closest_hit`].
+/// Whether no triangle lies between the ends of the ray; see [`Tracer::unoccluded`].
 #[inline(always)]
 pub fn unoccluded<const MASKS: bool, const INSTANCES: bool>(
     frame: &Frame,
@@ -277,6 +275,19 @@ pub fn unoccluded<const MASKS: bool, const INSTANCES: bool>(
         return unsafe { simd::unoccluded::<MASKS, INSTANCES>(frame, scene, bvh, ray) };
     }
     unoccluded_with::<MASKS, INSTANCES, _>(frame, scene, bvh, ray, PortableTests)
+}
+
+/// Nodes of this module.
+impl Tracer for &[UVec4] {
+    #[inline(always)]
+    fn closest_hit<const MASKS: bool, const INSTANCES: bool>(self, frame: &Frame, scene: &Scene, ray: &Ray) -> Hit {
+        closest_hit::<MASKS, INSTANCES>(frame, scene, self, ray)
+    }
+
+    #[inline(always)]
+    fn unoccluded<const MASKS: bool, const INSTANCES: bool>(self, frame: &Frame, scene: &Scene, ray: &Ray) -> bool {
+        unoccluded::<MASKS, INSTANCES>(frame, scene, self, ray)
+    }
 }
 
 /// [`closest_hit`] with given tests.

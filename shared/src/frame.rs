@@ -165,8 +165,8 @@ pub struct Frame {
     pub not_skipped: u32,
     /// Changes whenever something that rays find may have moved, or emit otherwise, since the frame before.
     pub found_moment: u32,
-    /// Not used.
-    pub padding_w: u32,
+    /// Which of the two blocks of the scene's buffers holds what the frame shows: 0 or 1.
+    pub block: u32,
 }
 
 const _: () = assert!(size_of::<Frame>() == 288 && offset_of!(Frame, environment_scale) == 144);
@@ -192,6 +192,7 @@ impl FramePair {
     #[inline(always)]
     pub fn moment(now: &Frame, prev: &Frame, past: bool) -> Frame {
         Frame {
+            block: if past { prev.block } else { now.block },
             top_root: if past { prev.top_root } else { now.top_root },
             instance_count: if past { prev.instance_count } else { now.instance_count },
             top_order_at: if past { prev.top_order_at } else { now.top_order_at },

@@ -229,10 +229,17 @@ pub fn evaluate_at<const IMAGES: bool, const SHAPES: bool>(
     place: Place,
     uv: u32,
 ) -> LightPoint {
-    if SHAPES && scene.shape_of(frame, place.instance) != shape::TRIANGLES {
-        return evaluate_shape(frame, scene, place, uv);
+    let mut is_unseen = false;
+    if SHAPES {
+        let shape = scene.shape_of(frame, place.instance);
+        is_unseen = shape == shape::UNSEEN;
+        if !is_unseen && shape != shape::TRIANGLES {
+            return evaluate_shape(frame, scene, place, uv);
+        }
     }
-    evaluate_triangle::<IMAGES>(frame, scene, place, uv)
+    let mut point = evaluate_triangle::<IMAGES>(frame, scene, place, uv);
+    point.analytic = is_unseen;
+    point
 }
 
 /// [`evaluate`] for a shape: uniform over its area in (u, v), if it has one.

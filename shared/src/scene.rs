@@ -73,7 +73,7 @@ pub mod attribute_flags {
 
 /// What an instance is: triangles, or a light of a shape in closed form, which no ray finds.
 ///
-/// A shape has one light. Its attributes are its material and, of a punctual one, [`shape::FALLOFF_SCALE`] and what follows.
+/// A shape in closed form has one light. Its attributes are its material and, of a punctual one, [`shape::FALLOFF_SCALE`] and what follows.
 pub mod shape {
     /// Triangles.
     pub const TRIANGLES: u32 = 0;
@@ -83,6 +83,8 @@ pub mod shape {
     pub const SPHERE: u32 = 2;
     /// The square from (-1, -1) to (1, 1) in the plane z = 0 of object space, which shines along +z.
     pub const RECTANGLE: u32 = 3;
+    /// Triangles that shine, each a light of its own, and that no ray finds.
+    pub const UNSEEN: u32 = 4;
     /// Word of its attributes: factor on the cosine with its axis.
     pub const FALLOFF_SCALE: u32 = 1;
     /// Word of its attributes: what is added to that.

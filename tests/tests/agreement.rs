@@ -7,7 +7,7 @@ use weir::{
     crosscheck::{Check, Report, Row, check},
     executor::{
         cpu::CpuExecutor,
-        gpu::{AdapterChoice, Gpu, GpuError, GpuExecutor, Loader, Module, adapters},
+        gpu::{AdapterChoice, Gpu, GpuError, GpuExecutor, Loader, Module, Traced, adapters},
     },
     graph::{Facts, Plan},
     packed::{Moment, PackOptions, PackedScene},
@@ -113,8 +113,12 @@ fn cases() -> Vec<Case> {
     let of_variety = |technique, knobs: &[&str]| Case::new(&variety, technique, knobs);
     vec![
         plain_case(),
-        Case::new(&scenes::cornell(), Technique::RealTime, &["rays=quality", "shade.sum=off"]),
-        Case::new(&scenes::studio(), Technique::RealTime, &["rays=quality"]),
+        Case::new(
+            &scenes::cornell(),
+            Technique::RealTime,
+            &["rays=quality", "shade.sum=off", "rays.traversal=software"],
+        ),
+        Case::new(&scenes::studio(), Technique::RealTime, &["rays=quality", "rays.traversal=hardware"]),
         Case::new(&scenes::studio(), Technique::Still, &["candidates.source=tiles", "skip.presampling=off"]),
         Case::new(&scenes::studio(), Technique::RealTime, &["candidates.source=cells", "candidates.count=2"]),
         Case::new(&scenes::studio(), Technique::Candidates, &["candidates.source=tree", "candidates.count=2"]),
@@ -228,7 +232,8 @@ fn every_pass_of_the_strict_module_equals_the_host_bit_by_bit() {
     let Some(gpu) = gpu_or_skip("every_pass_of_the_strict_module_equals_the_host_bit_by_bit") else { return };
     for mut case in cases() {
         let report = case.check(&gpu, PASSES, Loader::Passthrough, Module::Strict);
-        if gpu.rounds_exactly() {
+        // Ray queries may find another one of equally near triangles.
+        if gpu.rounds_exactly() && report.traced != Traced::Hardware {
             assert!(report.is_equal(), "{report}");
         } else {
             assert_close(&report);

@@ -10,7 +10,10 @@ use rspirv::{
     spirv::{Capability, Decoration, ExecutionMode, Op, StorageClass},
 };
 use spirv::{Element, Reader};
-use weir::shaders;
+use weir::{
+    executor::gpu::{Bound, bound_with_queries},
+    shaders,
+};
 use weir_shader::{
     DRAWS, PASSES,
     wiring::{Access, Draw, Pass},
@@ -38,7 +41,11 @@ fn strict() -> Module {
     load_words(shaders::strict()).expect("SPIR-V")
 }
 
-/// Runs a check on both modules; the failure says which.
+fn ray_query() -> Module {
+    load_words(shaders::ray_query()).expect("SPIR-V")
+}
+
+/// Runs a check on both modules of all passes; the failure says which.
 fn on_each_module(check: impl Fn(&Module) -> Result<(), String>) {
     for (name, module) in [("plain", plain()), ("strict", strict())] {
         if let Err(message) = check(&module) {
@@ -147,7 +154,7 @@ fn frame_fields() -> Fields {
         light_cuts_at,
         not_skipped,
         found_moment,
-        padding_w,
+        block,
     })
 }
 
@@ -218,9 +225,16 @@ fn stages() -> BTreeMap<&'static str, &'static Draw> {
 }
 
 fn check_entry_points(module: &Module, passes: &'static [Pass]) -> Result<(), String> {
+    check_names(module, variants(passes), stages())
+}
+
+/// Whether a module has the entry points expected, and no others.
+fn check_names(
+    module: &Module,
+    mut expected: BTreeMap<&'static str, &'static Pass>,
+    mut drawn: BTreeMap<&'static str, &'static Draw>,
+) -> Result<(), String> {
     let reader = Reader::new(module);
-    let mut expected = variants(passes);
-    let mut drawn = stages();
     for (function, name) in reader.entry_points() {
         if let Some(draw) = drawn.remove(name) {
             let upper_left = reader.execution_mode(function, ExecutionMode::OriginUpperLeft).is_some();
@@ -260,8 +274,34 @@ fn check_bindings(module: &Module, passes: &'static [Pass]) -> Result<(), String
         if pass.bindings.len() > MOST_STORAGE_BUFFERS + usize::from(ONE_MORE.contains(&pass.name)) {
             return Err(format!("pass `{}` has {} storage buffers", pass.name, pass.bindings.len()));
         }
+        let bound: Vec<Bound> = (0..pass.bindings.len()).map(Bound::Buffer).collect();
         for variable in reader.globals_of(function) {
-            check_binding(&reader, pass, variable).map_err(|e| format!("entry point `{name}`: {e}"))?;
+            check_binding(&reader, pass, &bound, variable).map_err(|e| format!("entry point `{name}`: {e}"))?;
+        }
+    }
+    Ok(())
+}
+
+/// The passes that trace rays, by their entry points.
+fn tracing() -> BTreeMap<&'static str, &'static Pass> {
+    let traces = |pass: &Pass| bound_with_queries(pass).contains(&Bound::Top(0));
+    variants(PASSES).into_iter().filter(|(_, pass)| traces(pass)).collect()
+}
+
+/// What passes bind in the module that asks ray queries.
+fn check_bindings_with_queries(module: &Module) -> Result<(), String> {
+    let reader = Reader::new(module);
+    let passes = tracing();
+    for (function, name) in reader.entry_points() {
+        let pass = passes.get(name).ok_or_else(|| format!("entry point `{name}` traces no rays"))?;
+        let bound = bound_with_queries(pass);
+        let variables = reader.globals_of(function);
+        for &variable in &variables {
+            check_binding(&reader, pass, &bound, variable).map_err(|e| format!("entry point `{name}`: {e}"))?;
+        }
+        let tops = variables.iter().filter(|v| reader.storage_class(**v) == StorageClass::UniformConstant).count();
+        if tops != 2 {
+            return Err(format!("entry point `{name}` uses {tops} acceleration structures"));
         }
     }
     Ok(())
@@ -292,7 +332,7 @@ fn check_drawn(reader: &Reader, draw: &Draw, variable: u32) -> Result<(), String
     }
 }
 
-fn check_binding(reader: &Reader, pass: &Pass, variable: u32) -> Result<(), String> {
+fn check_binding(reader: &Reader, pass: &Pass, bound: &[Bound], variable: u32) -> Result<(), String> {
     let class = reader.storage_class(variable);
     if class == StorageClass::Input {
         return Ok(());
@@ -302,6 +342,7 @@ fn check_binding(reader: &Reader, pass: &Pass, variable: u32) -> Result<(), Stri
         return Err(format!("binding {number} is not in set 0"));
     }
     let of = |error: String| format!("binding {number}: {error}");
+    let place = number.checked_sub(1).and_then(|place| bound.get(place as usize)).copied();
     match (class, number) {
         (StorageClass::Uniform, 0) => {
             let pair = reader.block(variable).ok_or("the uniform is no block of one structure")?;
@@ -313,7 +354,8 @@ fn check_binding(reader: &Reader, pass: &Pass, variable: u32) -> Result<(), Stri
             frames.iter().try_for_each(|&(_, frame)| same_fields(reader, frame, &frame_fields())).map_err(of)
         }
         (StorageClass::StorageBuffer, 1..) => {
-            let binding = pass.bindings.get(number as usize - 1).ok_or_else(|| of("not in the table".into()))?;
+            let Some(Bound::Buffer(place)) = place else { return Err(of("not in the table".into())) };
+            let binding = &pass.bindings[place];
             let read_only = reader.has_decoration(variable, Decoration::NonWritable);
             if read_only != (binding.access == Access::Read) {
                 return Err(of(format!(
@@ -331,6 +373,12 @@ fn check_binding(reader: &Reader, pass: &Pass, variable: u32) -> Result<(), Stri
                 }
                 (Element::Numbers { bytes }, None) if bytes as usize == binding.stride => Ok(()),
                 (element, fields) => Err(of(format!("`{}` is {element:?}, not {fields:?}", binding.name))),
+            }
+        }
+        (StorageClass::UniformConstant, _) if matches!(place, Some(Bound::Top(_))) => {
+            match reader.is_acceleration_structure(variable) {
+                true => Ok(()),
+                false => Err(of("no acceleration structure".into())),
             }
         }
         _ => Err(of(format!("{class:?} is not for there"))),
@@ -356,6 +404,25 @@ fn contractible(module: &Module) -> usize {
 #[test]
 fn every_variant_of_every_pass_has_an_entry_point() {
     on_each_module(|module| check_entry_points(module, PASSES));
+}
+
+#[test]
+fn the_module_with_ray_queries_has_the_passes_that_trace_rays_with_acceleration_structures_for_nodes() {
+    let module = ray_query();
+    let asks = |module: &Module| {
+        let capabilities: Vec<_> = module.capabilities.iter().map(|i| i.operands[0].unwrap_capability()).collect();
+        let extensions: Vec<_> = module.extensions.iter().map(|i| i.operands[0].unwrap_literal_string()).collect();
+        (capabilities, extensions.join(" "))
+    };
+    let (capabilities, extensions) = asks(&module);
+    assert!(capabilities.contains(&Capability::Shader) && capabilities.contains(&Capability::RayQueryKHR));
+    assert_eq!((capabilities.len(), extensions.as_str()), (2, "SPV_KHR_ray_query"), "{capabilities:?}");
+    assert_eq!(check_names(&module, tracing(), BTreeMap::new()), Ok(()));
+    assert_eq!(check_bindings_with_queries(&module), Ok(()));
+    assert_eq!(check_numbers(&module), Ok(()));
+    assert_eq!(contractible(&module), 0);
+    // Seen to fail: the module that traverses nodes is another one.
+    assert!(check_bindings_with_queries(&plain()).is_err());
 }
 
 #[test]
@@ -415,20 +482,24 @@ fn the_shaders_ask_for_no_optional_capability_and_no_wide_or_extreme_number() {
         if capabilities != [Capability::Shader] || !module.extensions.is_empty() {
             return Err(format!("asks for {capabilities:?} and {} extensions", module.extensions.len()));
         }
-        let reader = Reader::new(module);
-        for instruction in &module.types_global_values {
-            match instruction.class.opcode {
-                Op::TypeInt | Op::TypeFloat if instruction.operands[0].unwrap_literal_bit32() != 32 => {
-                    return Err(format!("has a number that is not of 32 bits: {instruction:?}"));
-                }
-                Op::Constant if reader.float(instruction).is_some_and(|value| !is_portable(value)) => {
-                    return Err(format!("has a literal that compilers take for infinity: {instruction:?}"));
-                }
-                _ => {}
-            }
-        }
-        Ok(())
+        check_numbers(module)
     });
+}
+
+fn check_numbers(module: &Module) -> Result<(), String> {
+    let reader = Reader::new(module);
+    for instruction in &module.types_global_values {
+        match instruction.class.opcode {
+            Op::TypeInt | Op::TypeFloat if instruction.operands[0].unwrap_literal_bit32() != 32 => {
+                return Err(format!("has a number that is not of 32 bits: {instruction:?}"));
+            }
+            Op::Constant if reader.float(instruction).is_some_and(|value| !is_portable(value)) => {
+                return Err(format!("has a literal that compilers take for infinity: {instruction:?}"));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 /// Some compilers of shaders reject literals that are not finite, or that print as more than they hold.
@@ -467,7 +538,9 @@ fn naga_accepts_the_plain_module_without_capabilities() {
 
 #[test]
 fn the_modules_hold_no_paths_and_no_sources() {
-    for (name, words) in [("plain", shaders::plain()), ("strict", shaders::strict())] {
+    for (name, words) in
+        [("plain", shaders::plain()), ("strict", shaders::strict()), ("ray query", shaders::ray_query())]
+    {
         let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
         let text = String::from_utf8_lossy(&bytes);
         for word in [".rs", "/src", "\\src", "home", "cargo"] {

@@ -158,6 +158,35 @@ fn a_lamp_with_a_hole_in_its_mask_shines_as_what_is_left_of_it() {
     assert!(compare(&whole, &judge).is_err(), "half of the light went unnoticed");
 }
 
+/// The lamp is out of view and in nobody's way, so that rays find it or not without a difference to the picture.
+#[test]
+fn a_lamp_that_no_ray_finds_shines_like_one_that_rays_find() {
+    let samples = 256;
+    let judge = reference(&lamp_above_a_floor(Lamp::Whole), samples);
+    let mut unseen = lamp_above_a_floor(Lamp::Whole);
+    unseen.meshes[1].unseen = true;
+    let check = |name: &str, result: &Rendered| {
+        compare(result, &judge).unwrap_or_else(|difference| panic!("{name}: {difference}"));
+    };
+    check("reference", &reference(&unseen, samples));
+    for (count, bsdf) in [(1, 0), (1, 1), (8, 0), (8, 1)] {
+        let knobs = [format!("candidates.count={count}"), format!("candidates.bsdf={bsdf}")];
+        let knobs = knobs.each_ref().map(String::as_str);
+        check(&knobs.join(", "), &passes(&unseen, samples, 1, &knobs));
+    }
+    for source in ["uniform", "tiles", "cells", "tree", "cuts"] {
+        let knobs = ["candidates.count=2", "candidates.bsdf=1", "skip.presampling=off", "skip.few=off"];
+        let source = format!("candidates.source={source}");
+        check(&source, &passes(&unseen, samples, 1, &[&knobs[..], &[source.as_str()]].concat()));
+    }
+    check("reuse", &passes_of(Technique::Still, &unseen, samples, 1, &[]));
+    // Rays by the BSDF go through it: what they would have found is missing if light samples leave their share to them.
+    let mut turned = unseen.clone();
+    turned.meshes[1].positions.iter_mut().for_each(|p| p.y = 2.0 - p.y);
+    turned.meshes[1].triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    assert!(compare(&passes(&turned, samples, 1, &[]), &judge).is_err(), "it shines to its back");
+}
+
 #[test]
 fn two_seeds_of_the_passes_agree_and_differ() {
     let (a, b) = (passes(&cornell(), 64, 1, &[]), passes(&cornell(), 64, 2, &[]));

@@ -2,7 +2,7 @@
 
 use weir::{
     crosscheck::{Check, check},
-    executor::gpu::{AdapterChoice, Gpu, Loader, Module},
+    executor::gpu::{AdapterChoice, Gpu, Loader, Module, Traced},
     exit::Exit,
     render::{Request, Stop, facts_of},
     sequence::Sequence,
@@ -23,7 +23,6 @@ pub fn run(arguments: &CheckArguments) -> anyhow::Result<Exit> {
         Some(integrator) => vec![integrator.technique().ok_or_else(no_passes)?],
         None => vec![Technique::Still, Technique::RealTime],
     };
-    let must_be_equal = arguments.strict && gpu.rounds_exactly();
     let mut holds = true;
     for technique in techniques {
         let size = [arguments.size.width, arguments.size.height];
@@ -46,6 +45,8 @@ pub fn run(arguments: &CheckArguments) -> anyhow::Result<Exit> {
         let shots: Vec<_> = (0..arguments.frames).map(|i| sequence.shot(i)).collect();
         let report = check(&gpu, &what, &mut sequence, &shots)?;
         print(&format!("{}: {technique}: {}\n{report}\n", opened.name, gpu.facts.name))?;
+        // Ray queries may find another one of equally near triangles.
+        let must_be_equal = arguments.strict && gpu.rounds_exactly() && report.traced != Traced::Hardware;
         holds &= if must_be_equal { report.is_equal() } else { report.is_close() };
     }
     Ok(if holds { Exit::Ok } else { Exit::CheckFailed })

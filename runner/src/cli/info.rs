@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use weir::executor::gpu::adapters;
+use weir::executor::gpu::{Traversal, adapters};
 
 /// Versions, the host and all adapters.
 pub fn text() -> String {
@@ -34,6 +34,7 @@ pub fn text() -> String {
             yes(adapter.passthrough),
             yes(adapter.timestamps)
         );
+        let _ = writeln!(text, "  rays: {}", adapter.traced(Traversal::Auto));
     }
     text
 }

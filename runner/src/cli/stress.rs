@@ -4,7 +4,7 @@ use anyhow::Context;
 use weir::{
     executor::{
         cpu::Order,
-        gpu::{AdapterChoice, Gpu},
+        gpu::{AdapterChoice, Gpu, Traced, Traversal},
     },
     exit::{Exit, Usage},
     render::Backend,
@@ -26,11 +26,22 @@ pub fn run(arguments: &StressArguments) -> anyhow::Result<Exit> {
         None => AdapterChoice::Best,
     };
     arguments.backend.use_threads()?;
-    let gpu = match arguments.backend.backend {
+    let mut gpu = match arguments.backend.backend {
         BackendChoice::Cpu => Err(String::new()),
         BackendChoice::Gpu => Ok(Gpu::open(&choice)?),
         BackendChoice::Auto => Gpu::open(&choice).map_err(|error| error.to_string()),
     };
+    if let Ok(gpu) = &mut gpu {
+        let traced = gpu.facts.traced(arguments.traversal);
+        match (arguments.traversal, traced) {
+            (Traversal::Hardware, Traced::Software(why)) => {
+                return Err(Usage(format!("rays can't be traced by hardware: {why}")).into());
+            }
+            (Traversal::Hardware, Traced::Hardware) => gpu.facts.prefers_queries = true,
+            (Traversal::Software, _) => gpu.facts.prefers_queries = false,
+            (Traversal::Auto, _) => {}
+        }
+    }
     let cpu = arguments.backend.backend != BackendChoice::Gpu;
     if arguments.endurance {
         return run_long(cpu, gpu.as_ref().ok());

@@ -5,7 +5,7 @@ use std::fmt;
 use weir_shader::wiring::Grid;
 
 use crate::{
-    executor::gpu::{Gpu, Loader, Module},
+    executor::gpu::{Gpu, GpuExecutor, Loader, Module, Traced},
     graph::Plan,
 };
 
@@ -18,6 +18,8 @@ pub struct Report {
     pub module: Module,
     /// How it got there.
     pub loader: Loader,
+    /// How rays find what they meet on the GPU; the host traces them in software.
+    pub traced: Traced,
     /// Frames that were compared.
     pub frames: u32,
     /// One for each output of each pass, in the order of the frame.
@@ -67,7 +69,7 @@ pub struct Difference {
 }
 
 impl Report {
-    pub(super) fn new(gpu: &Gpu, module: Module, loader: Loader, plan: &Plan) -> Self {
+    pub(super) fn new(gpu: &Gpu, module: Module, executor: &GpuExecutor, plan: &Plan) -> Self {
         let row = |pass, buffer| Row {
             pass,
             buffer,
@@ -81,7 +83,14 @@ impl Report {
             first: None,
         };
         let rows = plan.steps.iter().flat_map(|step| step.writes().map(move |(name, _)| row(step.pass.name, name)));
-        Self { adapter: gpu.facts.name.clone(), module, loader, frames: 0, rows: rows.collect() }
+        Self {
+            adapter: gpu.facts.name.clone(),
+            module,
+            loader: executor.loader(),
+            traced: executor.traced().clone(),
+            frames: 0,
+            rows: rows.collect(),
+        }
     }
 
     /// Whether no word differs.
@@ -150,6 +159,7 @@ impl fmt::Display for Report {
         let module = format!("{:?}", self.module).to_lowercase();
         let loader = format!("{:?}", self.loader).to_lowercase();
         writeln!(f, "{}: {module} module by {loader}, {} frames", self.adapter, self.frames)?;
+        writeln!(f, "rays: {}", self.traced)?;
         writeln!(
             f,
             "{:<18} {:<12} {:>12} {:>12} {:>12} {:>12} {:>12} {:>10} {:>10}",
@@ -207,7 +217,7 @@ impl fmt::Display for Difference {
 
 #[cfg(test)]
 mod tests {
-    use super::{Loader, Module, Report, Row, distance};
+    use super::{Loader, Module, Report, Row, Traced, distance};
 
     #[test]
     fn one_pixel_in_a_hundred_may_be_far_and_no_more() {
@@ -215,6 +225,7 @@ mod tests {
             adapter: String::new(),
             module: Module::Plain,
             loader: Loader::Naga,
+            traced: Traced::Hardware,
             frames: 1,
             rows: vec![Row {
                 pass: "shade",

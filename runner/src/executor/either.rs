@@ -74,9 +74,7 @@ impl Executor {
     /// If the GPU fails.
     pub fn update(&mut self, scene: SceneBuffers<'_>, changed: Vec<Changed>) -> Result<(), GpuError> {
         if let Self::Gpu(executor) = self {
-            for Changed { buffer, range } in changed {
-                executor.update_scene(buffer, range.start as u64, &scene.bytes(buffer)[range])?;
-            }
+            executor.update(scene, &changed)?;
         }
         Ok(())
     }

@@ -7,6 +7,7 @@ mod draw;
 mod error;
 mod memory;
 mod pipelines;
+mod queries;
 mod stored;
 mod timing;
 
@@ -18,10 +19,14 @@ pub use adapter::{AdapterChoice, AdapterFacts, Gpu, adapters, instance};
 pub use error::GpuError;
 pub use memory::GpuScene;
 pub use pipelines::{Loader, Module};
+pub use queries::{Bound, RayLimits, Traced, Traversal, bound_with_queries};
 
 use self::{memory::Memory, pipelines::Compiled, timing::Timer};
 use super::{AlignedBytes, SceneBuffers, View};
-use crate::graph::{Plan, Slot};
+use crate::{
+    graph::{Plan, Slot},
+    packed::Changed,
+};
 
 /// Frames that may wait for the GPU; more would add delay and nothing else.
 const FRAMES_IN_FLIGHT: usize = 2;
@@ -34,6 +39,7 @@ pub struct GpuExecutor {
     uniform: wgpu::Buffer,
     steps: Vec<Compiled>,
     loader: Loader,
+    traced: Traced,
     in_flight: VecDeque<wgpu::SubmissionIndex>,
     /// One for each frame in flight; none where the GPU has no clock.
     timers: Vec<Timer>,
@@ -70,8 +76,11 @@ impl GpuExecutor {
         module: Module,
     ) -> Result<Self, GpuError> {
         loader.resolve(gpu, module)?;
-        let scene = GpuScene::upload(gpu, scene).await?;
-        Self::on_scene(gpu, plan, &scene, loader, module).await
+        let on_gpu = GpuScene::upload(gpu, scene).await?;
+        if loader != Loader::Naga {
+            on_gpu.accelerate(gpu, scene, plan.facts.traversal).await?;
+        }
+        Self::on_scene(gpu, plan, &on_gpu, loader, module).await
     }
 
     /// An executor on a scene that is on the GPU already, and that others may use as well.
@@ -97,7 +106,21 @@ impl GpuExecutor {
                 })
             })
             .await?;
-        let steps = pipelines::compile(gpu, plan, &memory, &uniform, loader, module).await?;
+        let mut traced = match loader {
+            Loader::Naga => Traced::Software("naga reads no ray queries".to_owned()),
+            _ => scene.traced(gpu, plan.facts.traversal),
+        };
+        let compile = |traced| pipelines::compile(gpu, plan, &memory, &uniform, loader, module, traced);
+        let steps = match compile(traced.clone()).await {
+            Err(error @ (GpuError::Validation(_) | GpuError::OutOfMemory(_))) if traced == Traced::Hardware => {
+                let why = format!("the driver refuses ray queries: {error}");
+                tracing::warn!("rays are traced in software: {why}");
+                scene.decelerate(why.clone());
+                traced = Traced::Software(why);
+                compile(traced.clone()).await?
+            }
+            compiled => compiled?,
+        };
         let timers = if gpu.facts.timestamps && !steps.is_empty() {
             gpu.guarded(|| (0..FRAMES_IN_FLIGHT).map(|_| Timer::new(gpu, steps.len())).collect()).await?
         } else {
@@ -110,6 +133,7 @@ impl GpuExecutor {
             uniform,
             steps,
             loader,
+            traced,
             in_flight: VecDeque::new(),
             timers,
             times: Vec::new(),
@@ -207,6 +231,11 @@ impl GpuExecutor {
         self.loader
     }
 
+    /// How rays find what they meet.
+    pub fn traced(&self) -> &Traced {
+        &self.traced
+    }
+
     /// The bytes of an output of the plan after the frames that were run; waits for them.
     ///
     /// # Errors
@@ -288,6 +317,14 @@ impl GpuExecutor {
     pub fn output_buffer(&self, name: &str) -> Option<&wgpu::Buffer> {
         let &(_, slot) = self.plan.outputs.iter().find(|(output, _)| *output == name)?;
         Some(self.memory.buffer(slot, self.last_parity()))
+    }
+
+    /// Copies what has changed of the scene; the next frame sees it.
+    ///
+    /// # Errors
+    /// If the device fails.
+    pub fn update(&mut self, scene: SceneBuffers<'_>, changed: &[Changed]) -> Result<(), GpuError> {
+        pollster::block_on(self.memory.scene().follow(&self.gpu, scene, changed))
     }
 
     /// Overwrites a part of the scene's buffer `name` from byte `offset` on; the next frame sees it.

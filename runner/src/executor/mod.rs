@@ -7,7 +7,7 @@ pub mod gpu;
 pub use either::{Backend, Executor};
 
 use bytemuck::Pod;
-use weir_shared::frame::Frame;
+use weir_shared::frame::{Frame, FramePair};
 
 /// What the camera of an executor's frames has seen.
 #[derive(Clone, Copy, Debug, Default)]
@@ -63,6 +63,41 @@ pub struct SceneBuffers<'a> {
     pub bvh: &'a [glam::UVec4],
     /// Alias tables.
     pub lights: &'a [u32],
+    /// Where meshes and instances are in them.
+    pub placement: Placement<'a>,
+}
+
+/// Where meshes and instances are in a scene's buffers: what a driver's acceleration structures are made of.
+#[derive(Clone, Copy)]
+pub struct Placement<'a> {
+    /// Meshes.
+    pub meshes: &'a [MeshRange],
+    /// Of each block: where its instances start in `records`, and how many there are.
+    pub blocks: [[u32; 2]; 2],
+    /// Most instances that a block has at any moment.
+    pub capacity: u32,
+}
+
+/// The triangles of a mesh.
+#[derive(Clone, Copy, Debug)]
+pub struct MeshRange {
+    /// Number of the first.
+    pub first: u32,
+    /// How many there are.
+    pub count: u32,
+    /// Whether some have alpha masks.
+    pub has_masks: bool,
+}
+
+impl Placement<'_> {
+    /// The blocks as a frame and the one before it show them.
+    pub fn blocks_of(frames: &FramePair) -> [[u32; 2]; 2] {
+        let mut blocks = [[0; 2]; 2];
+        for frame in [&frames.prev, &frames.now] {
+            blocks[frame.block as usize & 1] = [frame.instances_at, frame.instance_count];
+        }
+        blocks
+    }
 }
 
 impl<'a> SceneBuffers<'a> {

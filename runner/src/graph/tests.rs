@@ -41,6 +41,7 @@ fn facts() -> Facts {
         records: [5, 2],
         has: vec![Need::Lights],
         features: Vec::new(),
+        traversal: Traversal::Auto,
         spared: Vec::new(),
     }
 }

@@ -6,7 +6,7 @@ use glam::{UVec4, Vec3};
 use obvhs::aabb::Aabb;
 use weir_shared::{
     alias, octahedral,
-    scene::{NO_NORMAL, attribute_flags},
+    scene::{NO_NORMAL, attribute_flags, shape},
 };
 
 use super::{
@@ -39,6 +39,10 @@ pub(super) struct PackedMesh {
     pub(super) bounds: [Vec3; 2],
     /// What it is, if it has no triangles but is a shape.
     pub(super) shape: Option<ShapeLight>,
+    /// Whether some of its triangles have alpha masks.
+    pub(super) has_masks: bool,
+    /// Whether rays find it.
+    pub(super) is_found: bool,
 }
 
 /// How long it takes to build what lights are chosen by.
@@ -62,7 +66,7 @@ impl PackedMesh {
                 Aabb::new(a.min(b).min(c).into(), a.max(b).max(c).into())
             })
             .collect();
-        let tree = tree::build(&boxes, true);
+        let tree = tree::build(&boxes, !mesh.unseen);
         let order = &tree.primitive_indices;
 
         let textured =
@@ -74,6 +78,12 @@ impl PackedMesh {
         if !mesh.uvs.is_empty() && mesh.materials.iter().any(|&m| textured(&materials[m as usize])) {
             flags |= attribute_flags::UVS;
         }
+        if mesh.unseen {
+            flags |= shape::UNSEEN << attribute_flags::SHAPE_SHIFT;
+        }
+
+        let is_masked = |m: &u32| materials[*m as usize].alpha_texture.is_some();
+        let has_masks = flags & attribute_flags::UVS != 0 && mesh.materials.iter().any(is_masked);
 
         let mut triangles = Vec::with_capacity(order.len() * 9);
         let mut attributes = Vec::new();
@@ -117,7 +127,8 @@ impl PackedMesh {
         };
         let light_times = LightTimes { table, tree: start.elapsed() - table - cuts, cuts };
         Self {
-            nodes: tree.nodes.iter().flat_map(tree::rows).collect(),
+            // What no ray finds has only its order from the tree: what is near in space is near in memory.
+            nodes: if mesh.unseen { Vec::new() } else { tree.nodes.iter().flat_map(tree::rows).collect() },
             triangles,
             attributes,
             flags,
@@ -129,6 +140,8 @@ impl PackedMesh {
             light_bounds,
             bounds,
             shape: None,
+            has_masks,
+            is_found: !mesh.unseen,
         }
     }
 
@@ -149,6 +162,8 @@ impl PackedMesh {
             light_bounds: LightBounds::NONE,
             bounds: [Vec3::splat(f32::INFINITY), Vec3::splat(f32::NEG_INFINITY)],
             shape: Some(shape),
+            has_masks: false,
+            is_found: false,
         }
     }
 }

@@ -62,7 +62,7 @@ pub(super) struct MeshStart {
 /// Most that a block can hold.
 #[derive(Clone, Copy)]
 pub(super) struct Capacity {
-    instances: usize,
+    pub(super) instances: usize,
     emitters: usize,
     /// Triangles and shapes that emit, over all instances.
     pub(super) lights: u64,
@@ -119,6 +119,8 @@ pub(super) struct Dynamics {
     pub(super) capacity: Capacity,
     /// Which block is this frame's.
     half: usize,
+    /// Where the instances of each block start in `records`, and how many there are.
+    pub(super) blocks: [[u32; 2]; 2],
     /// What it shows; nothing before the first.
     shown: Option<Moment>,
     /// The scene's instance behind each of its own.
@@ -144,6 +146,7 @@ impl Dynamics {
             starts,
             capacity,
             half: 1,
+            blocks: [[0; 2]; 2],
             shown: None,
             drawn: Vec::new(),
             tree_words: 0,
@@ -339,7 +342,9 @@ impl PackedScene {
         self.frame.found_moment = self.frame.found_moment.wrapping_add(u32::from(!is_found_alike));
         self.frame.top_root = (first_row / 5) as u32;
         self.bounds = placed.bounds.map(|corner| corner + self.origin);
+        self.frame.block = half as u32;
         self.dynamics.half = half;
+        self.dynamics.blocks[half] = [block as u32, drawn.len() as u32];
         self.dynamics.shown = Some(moment.clone());
         self.dynamics.drawn = drawn;
         Ok(())

@@ -12,8 +12,8 @@ use crate::scene::{Instance, Motion};
 pub(super) struct TopLevel {
     instances: Vec<Instance>,
     bounds: Vec<[Vec3; 2]>,
-    /// Whether each mesh is a shape.
-    are_shapes: Vec<bool>,
+    /// Whether rays find each mesh: not a shape, nor triangles that are unseen.
+    are_found: Vec<bool>,
     /// Row of `bvh` where the nodes of the first block start.
     pub(super) first_row: usize,
 }
@@ -32,10 +32,10 @@ impl TopLevel {
     pub(super) fn new(
         instances: Vec<Instance>,
         bounds: Vec<[Vec3; 2]>,
-        are_shapes: Vec<bool>,
+        are_found: Vec<bool>,
         first_row: usize,
     ) -> Self {
-        Self { instances, bounds, are_shapes, first_row }
+        Self { instances, bounds, are_found, first_row }
     }
 
     /// Number of instances, also of those with nothing to see.
@@ -52,12 +52,12 @@ impl TopLevel {
     pub(super) fn has_any(&self, instance: u32) -> bool {
         let mesh = self.instances.get(instance as usize).map(|i| i.mesh as usize);
         // The bounds of nothing are inside out.
-        mesh.is_some_and(|mesh| self.are_shapes[mesh] || self.bounds[mesh][0].x <= self.bounds[mesh][1].x)
+        mesh.is_some_and(|mesh| !self.are_found[mesh] || self.bounds[mesh][0].x <= self.bounds[mesh][1].x)
     }
 
-    /// Whether any instance is a shape.
+    /// Whether any instance is a light that rays don't find.
     pub(super) fn has_shapes(&self) -> bool {
-        self.instances.iter().any(|i| self.are_shapes[i.mesh as usize])
+        self.instances.iter().any(|i| !self.are_found[i.mesh as usize])
     }
 
     fn present(&self) -> impl Iterator<Item = &Instance> {
@@ -73,7 +73,7 @@ impl TopLevel {
     pub(super) fn is_trivial(&self) -> bool {
         let mut present = self.present();
         match (present.next(), present.next()) {
-            (Some(only), None) if self.are_shapes[only.mesh as usize] => false,
+            (Some(only), None) if !self.are_found[only.mesh as usize] => false,
             (Some(only), None) => only.motion == Motion::Still && only.world_from_object == Mat4::IDENTITY,
             (first, _) => first.is_none(),
         }
@@ -101,8 +101,7 @@ impl TopLevel {
                 return Err(PackError::Singular { instance: i as usize, time_s });
             }
             transforms.push((world_from_object, object_from_world));
-            // No ray finds a shape.
-            if self.are_shapes[instance.mesh as usize] {
+            if !self.are_found[instance.mesh as usize] {
                 continue;
             }
             slots.push(slot);

@@ -67,6 +67,8 @@ pub struct Mesh {
     pub materials: Vec<u32>,
     /// What the mesh is; other than triangles, it has nothing but this, a name and a material.
     pub shape: Shape,
+    /// Whether its triangles shine, but no ray finds them: they are not seen, and cast no shadows. Of OBJ files, none are.
+    pub unseen: bool,
 }
 
 /// What a mesh is: triangles, or a light in closed form.

@@ -8,7 +8,7 @@ use weir_shared::{
 };
 
 use super::{Preset, Rays, Settings};
-use crate::{packed::TreeUpdate, skips::Rule, technique::MAX_ROUNDS};
+use crate::{executor::gpu::Traversal, packed::TreeUpdate, skips::Rule, technique::MAX_ROUNDS};
 
 /// A knob.
 pub struct Knob {
@@ -90,6 +90,9 @@ const CHOICES: &[(&str, u32)] = &[
     ("keys", choice::KEYS),
     ("inversion", choice::INVERSION),
 ];
+const TRAVERSALS: &[(&str, Traversal)] =
+    &[("auto", Traversal::Auto), ("software", Traversal::Software), ("hardware", Traversal::Hardware)];
+
 const RAYS: &[(&str, Rays)] = &[
     ("speed", Rays::Speed),
     ("balanced", Rays::Balanced),
@@ -297,6 +300,16 @@ pub const KNOBS: &[Knob] = &[
                comparison",
         set: |s, text| named(&mut s.rays, text, RAYS),
         get: |s| name_of(s.rays, RAYS),
+    },
+    Knob {
+        key: "rays.traversal",
+        values: "auto, software or hardware",
+        help: "how a GPU finds what rays meet; the picture is the same but for triangles at equal distances, and for rays \
+               that pass through edges. software: through weir's own nodes, on every adapter. hardware: by ray queries \
+               of the driver, faster where the GPU has units for them; where it has no queries, or not for so large a \
+               scene, a message says so and software goes on. auto: by ray queries on hardware that has them",
+        set: |s, text| named(&mut s.traversal, text, TRAVERSALS),
+        get: |s| name_of(s.traversal, TRAVERSALS),
     },
     Knob {
         key: "shade.sum",

@@ -3,7 +3,7 @@
 use weir_shared::{light::source, merge::form, resample::choice, reuse::lattice, reuse::rule, target::occlusion};
 
 use super::{Rays, Settings};
-use crate::{packed::TreeUpdate, skips::Skips};
+use crate::{executor::gpu::Traversal, packed::TreeUpdate, skips::Skips};
 
 /// Settings that go together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,6 +52,7 @@ impl Preset {
             choice: choice::THRESHOLD,
             mis_form: form::PAIRWISE_DEFENSIVE,
             rays: Rays::Balanced,
+            traversal: Traversal::Auto,
             sum: true,
             confidence_cap: 8,
             temporal_neighbors: 3,

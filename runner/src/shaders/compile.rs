@@ -2,8 +2,8 @@
 
 use std::{fs, io, path::Path};
 
-use cargo_gpu_install::install::{Install, InstalledBackend};
-use spirv_builder::{ModuleResult, SpirvBuilderError, SpirvMetadata};
+use cargo_gpu_install::install::Install;
+use spirv_builder::{Capability, ModuleResult, SpirvBuilder, SpirvBuilderError, SpirvMetadata};
 use thiserror::Error;
 
 use super::{
@@ -13,6 +13,12 @@ use super::{
 
 /// SPIR-V 1.3 with the simple memory model: wgpu does not enable the Vulkan memory model.
 const TARGET: &str = "spirv-unknown-spv1.3";
+
+/// Ray queries need SPIR-V 1.4.
+const TARGET_RAY_QUERY: &str = "spirv-unknown-spv1.5";
+
+/// Of `weir-shader`: the entry points that ask ray queries, and no others.
+const FEATURE_RAY_QUERY: &str = "ray-query";
 
 /// Why there are no modules.
 #[derive(Debug, Error)]
@@ -45,16 +51,19 @@ pub struct Modules {
     pub plain: Vec<u8>,
     /// For [`digest::STRICT_FILE`].
     pub strict: Vec<u8>,
+    /// For [`digest::RAY_QUERY_FILE`].
+    pub ray_query: Vec<u8>,
     /// For [`digest::DIGEST_FILE`].
     pub digest: String,
 }
 
 impl Modules {
     /// Names and contents of the committed files.
-    pub fn files(&self) -> [(&'static str, &[u8]); 3] {
+    pub fn files(&self) -> [(&'static str, &[u8]); 4] {
         [
             (digest::PLAIN_FILE, &self.plain),
             (digest::STRICT_FILE, &self.strict),
+            (digest::RAY_QUERY_FILE, &self.ray_query),
             (digest::DIGEST_FILE, self.digest.as_bytes()),
         ]
     }
@@ -75,22 +84,28 @@ pub fn build(root: &Path, target: &Path) -> Result<Modules, CompileError> {
     if backend.toolchain_channel != TOOLCHAIN {
         return Err(CompileError::Toolchain(backend.toolchain_channel));
     }
-    let plain = compile(&backend, &shader, target, &[])?;
+    let plain = compile(&backend.to_spirv_builder(&shader, TARGET), target, &[])?;
     let plain = strict::stripped(&plain).map_err(CompileError::Module)?;
-    let strict = compile(&backend, &shader, target, &["--no-spirv-opt"])?;
-    let strict = strict::pinned(&strict).map_err(CompileError::Module)?;
-    let strict = strict::optimized(&strict).map_err(CompileError::Module)?;
-    let digest = digest::digest(root, &plain, &strict)?;
-    Ok(Modules { plain, strict, digest })
+    let strict = compile_strict(&backend.to_spirv_builder(&shader, TARGET), target)?;
+    let with_queries = backend
+        .to_spirv_builder(&shader, TARGET_RAY_QUERY)
+        .capability(Capability::RayQueryKHR)
+        .extension("SPV_KHR_ray_query")
+        .shader_crate_features([FEATURE_RAY_QUERY.to_owned()]);
+    let ray_query = compile_strict(&with_queries, target)?;
+    let digest = digest::digest(root, [&plain, &strict, &ray_query])?;
+    Ok(Modules { plain, strict, ray_query, digest })
 }
 
-fn compile(
-    backend: &InstalledBackend,
-    shader: &Path,
-    target: &Path,
-    arguments: &[&str],
-) -> Result<Vec<u8>, CompileError> {
-    let mut builder = backend.to_spirv_builder(shader, TARGET);
+/// A module in which every float operation is rounded for itself.
+fn compile_strict(builder: &SpirvBuilder, target: &Path) -> Result<Vec<u8>, CompileError> {
+    let module = compile(builder, target, &["--no-spirv-opt"])?;
+    let pinned = strict::pinned(&module).map_err(CompileError::Module)?;
+    strict::optimized(&pinned).map_err(CompileError::Module)
+}
+
+fn compile(builder: &SpirvBuilder, target: &Path, arguments: &[&str]) -> Result<Vec<u8>, CompileError> {
+    let mut builder = builder.clone();
     builder.spirv_metadata = SpirvMetadata::None;
     builder.target_dir_path = Some(target.to_path_buf());
     builder.extra_args = arguments.iter().map(ToString::to_string).collect();

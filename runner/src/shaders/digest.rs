@@ -20,24 +20,29 @@ pub const PLAIN_FILE: &str = "weir.spv";
 /// Not optimised, and without contraction: the arithmetic of the host.
 pub const STRICT_FILE: &str = "weir-strict.spv";
 
+/// As strict; of the passes that trace rays only, by ray queries.
+pub const RAY_QUERY_FILE: &str = "weir-ray-query.spv";
+
+/// All modules, in the order in which [`digest`] takes them.
+pub const MODULES: [&str; 3] = [PLAIN_FILE, STRICT_FILE, RAY_QUERY_FILE];
+
 /// Packages outside the workspace whose code is in the modules.
 const PACKAGES: [&str; 3] = ["bytemuck", "glam", "spirv-std"];
 
 /// Folders of the workspace whose Rust sources and manifests are in the modules.
 pub const SOURCES: [&str; 2] = ["shader", "shared"];
 
-/// The text of [`DIGEST_FILE`] for the sources below `root` and two modules.
+/// The text of [`DIGEST_FILE`] for the sources below `root` and the [`MODULES`].
 ///
 /// # Errors
 ///
 /// Where a source or `Cargo.lock` cannot be read.
-pub fn digest(root: &Path, plain: &[u8], strict: &[u8]) -> io::Result<String> {
-    let lines = [
-        (hash_sources(root)?, "sources"),
-        (blake3::hash(plain).to_hex().to_string(), PLAIN_FILE),
-        (blake3::hash(strict).to_hex().to_string(), STRICT_FILE),
-    ];
-    Ok(lines.map(|(hash, what)| format!("{hash}  {what}\n")).concat())
+pub fn digest(root: &Path, modules: [&[u8]; MODULES.len()]) -> io::Result<String> {
+    let mut text = format!("{}  sources\n", hash_sources(root)?);
+    for (name, module) in MODULES.iter().zip(modules) {
+        text += &format!("{}  {name}\n", blake3::hash(module).to_hex());
+    }
+    Ok(text)
 }
 
 /// The same for every line ending, checkout and operating system.

@@ -92,7 +92,7 @@ pub fn pinned(module: &[u8]) -> Result<Vec<u8>, String> {
 pub fn optimized(pinned: &[u8]) -> Result<Vec<u8>, String> {
     use spirv_tools::opt::Optimizer;
     let words: Vec<u32> = pinned.chunks_exact(4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]])).collect();
-    let mut optimizer = spirv_tools::opt::create(Some(spirv_tools::TargetEnv::Vulkan_1_1));
+    let mut optimizer = spirv_tools::opt::create(Some(spirv_tools::TargetEnv::Vulkan_1_2));
     optimizer.register_performance_passes();
     let result =
         optimizer.optimize(&words, &mut |_: spirv_tools::error::Message| {}, None).map_err(|e| e.to_string())?;

@@ -228,7 +228,7 @@ fn what_is_known_to_be_visible_costs_no_ray() {
                 0,
                 &frame,
                 &view,
-                &packed.bvh,
+                packed.bvh.as_slice(),
                 &surfaces,
                 &reservoirs,
             )

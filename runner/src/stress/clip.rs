@@ -6,7 +6,7 @@ use weir_shared::{frame::FramePair, moments::Moments};
 
 use super::Finding;
 use crate::{
-    executor::SceneBuffers,
+    executor::{Placement, SceneBuffers},
     graph::Plan,
     packed::{Changed, Moment, PackOptions, PackedScene},
     reference::{Estimate, Reference},
@@ -139,7 +139,9 @@ impl Clip {
         let Snapshot { frames, records, bvh, lights } = &self.snapshots[shot];
         let mut frames = *frames;
         change(&mut frames);
-        let buffers = SceneBuffers { records, bvh, lights, ..self.packed.buffers() };
+        let buffers = self.packed.buffers();
+        let placement = Placement { blocks: Placement::blocks_of(&frames), ..buffers.placement };
+        let buffers = SceneBuffers { records, bvh, lights, placement, ..buffers };
         if self.is_dynamic {
             let all = |buffer: &'static str| Changed { buffer, range: 0..buffers.bytes(buffer).len() };
             self.executor.update(buffers, ["records", "bvh", "lights"].map(all).to_vec())?;

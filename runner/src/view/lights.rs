@@ -123,7 +123,7 @@ pub fn detach(scene: &mut Scene, instance: u32, corners: [Vec3; 3], origin: Vec3
 
 /// The triangles of a mesh for which `taken` is `which`.
 fn part(mesh: &Mesh, taken: &[bool], which: bool) -> Mesh {
-    let mut part = Mesh { name: mesh.name.clone(), ..Mesh::default() };
+    let mut part = Mesh { name: mesh.name.clone(), unseen: mesh.unseen, ..Mesh::default() };
     let mut renamed: HashMap<u32, u32> = HashMap::new();
     for (triangle, _) in mesh.triangles.iter().enumerate().filter(|(i, _)| taken[*i] == which) {
         let corners = mesh.triangles[triangle].map(|vertex| {
@@ -141,7 +141,8 @@ fn part(mesh: &Mesh, taken: &[bool], which: bool) -> Mesh {
 }
 
 /// Adds `count` small triangles that shine to both sides, at random places in the scene. Together they always shine as
-/// much, so that a picture with many has the brightness of one with few.
+/// much, so that a picture with many has the brightness of one with few. Rays don't find them: a million of them in
+/// everybody's way would make each ray dearer, and what is to be seen is what lights cost.
 ///
 /// They are one mesh: instances would take 37 words of a buffer for each of two frames, more than the 128 MiB of a
 /// binding at a million.
@@ -166,7 +167,7 @@ pub fn scatter(scene: &mut Scene, count: u32) {
     }));
     let mut rng = Pcg64Mcg::seed_from_u64(u64::from(count));
     let mut unit = || (rng.next_u32() >> 8) as f32 / 16_777_216.0;
-    let mut mesh = Mesh { name: "added lights".to_owned(), ..Mesh::default() };
+    let mut mesh = Mesh { name: "added lights".to_owned(), unseen: true, ..Mesh::default() };
     mesh.positions.reserve(3 * count as usize);
     for i in 0..count {
         let center = bounds.min + size * (0.02 + 0.96 * Vec3::new(unit(), unit(), unit()));
@@ -280,6 +281,38 @@ mod tests {
         let (_, placed) = shown.placed[0];
         assert!(placed.w_axis.truncate().abs_diff_eq(center + Vec3::Y, 1e-5), "{placed}");
         assert!((placed.x_axis.length() - 0.24).abs() < 1e-5, "{placed}");
+    }
+
+    /// Rays go as if they were not there; a click finds the nearest, and one of them can be moved alone.
+    #[test]
+    fn added_lights_are_in_no_rays_way_and_are_picked_by_nearness() {
+        let (bare, mut scene) = (cornell(), cornell());
+        scatter(&mut scene, 500);
+        let camera = scene.camera.expect("a camera");
+        let request = Request::new(camera, [48, 48], Technique::Candidates, Settings::default());
+        let seen = |scene: &Scene| {
+            let mut packed = PackedScene::new(scene, 0.0).expect("packs");
+            // As if there were no lights to pick.
+            packed.frame.emitter_count = 0;
+            let frame = frame_of(&packed, &request);
+            let of_pixel = |i: u32| pick::at(&packed, &frame, UVec2::new(i % 48, i / 48)).map(|p| p.position);
+            (0..48 * 48).map(of_pixel).collect::<Vec<_>>()
+        };
+        assert_eq!(seen(&bare), seen(&scene));
+
+        let (mesh, instance) = (scene.meshes.len() - 1, scene.instances.len() as u32 - 1);
+        let corners = scene.meshes[mesh].triangles[77].map(|v| scene.meshes[mesh].positions[v as usize]);
+        let center = corners.iter().sum::<Vec3>() / 3.0;
+        let near = Camera { origin: center + Vec3::new(0.0, 0.0, 0.02), target: center, ..camera };
+        let request = Request::new(near, [33, 33], Technique::Candidates, Settings::default());
+        let packed = PackedScene::new(&scene, 0.0).expect("packs");
+        let picked = pick::at(&packed, &frame_of(&packed, &request), UVec2::splat(16)).expect("the light");
+        assert_eq!((picked.instance, picked.emits, picked.corners_object), (instance, true, corners));
+        let alone = detach(&mut scene, instance, picked.corners_object, Vec3::ZERO).expect("a light");
+        let of = |instance: u32| &scene.meshes[scene.instances[instance as usize].mesh as usize];
+        assert_eq!((of(alone).triangles.len(), of(alone).unseen), (1, true));
+        assert_eq!((of(instance).triangles.len(), of(instance).unseen), (499, true));
+        scene.validate().expect("still a scene");
     }
 
     #[test]

@@ -32,35 +32,55 @@ pub fn view_of(packed: &PackedScene) -> SceneView<'_> {
     SceneView { triangles: &packed.triangles, records: &packed.records, texels: &packed.texels }
 }
 
-/// How far a ray may miss a shape and still pick it: the tangent of two degrees.
+/// How far a ray may miss a light that it can't find and still pick it: the tangent of two degrees.
 const REACH: f32 = 0.035;
 
-/// The instance of the shape that a ray passes nearest to, by the angle, no farther than `t_max`; and the shape's distance.
-fn shape_near(frame: &Frame, scene: &SceneView<'_>, ray: &Ray, t_max: f32) -> Option<(u32, f32)> {
-    let distance_of = |emitter: u32| {
+/// A light that rays don't find, as a ray passes it.
+struct Near {
+    instance: u32,
+    /// Its triangle; nothing for a shape.
+    triangle: Option<u32>,
+    /// Distance along the ray.
+    along: f32,
+    /// Tangent of the angle to the ray.
+    angle: f32,
+}
+
+/// The light that rays don't find that a ray passes nearest to, by the angle, no farther than `t_max`.
+fn light_near(frame: &Frame, scene: &SceneView<'_>, ray: &Ray, t_max: f32) -> Option<Near> {
+    let passed = |instance: u32, triangle: Option<u32>, center: Vec3, size: f32| {
+        let toward = center - ray.origin;
+        let along = toward.dot(ray.direction);
+        let across = (toward - ray.direction * along).length();
+        let is_near = along > 0.0 && along < t_max && across <= along * REACH + size;
+        is_near.then_some(Near { instance, triangle, along, angle: across / along })
+    };
+    let nearer = |a: &Near, b: &Near| a.angle.total_cmp(&b.angle);
+    let of_emitter = |emitter: u32| {
         let instance = scene.emitter_word(frame, emitter, emitter_record::INSTANCE);
-        let shape = scene.shape_of(frame, instance);
-        if shape == shape::TRIANGLES {
-            return None;
-        }
         let matrix = scene.instance_at(frame, instance) + instance_record::WORLD_FROM_OBJECT;
         let edge = |axis: Vec3| scene.transform_vector(matrix, axis).length();
-        let size = match shape {
+        let size = match scene.shape_of(frame, instance) {
+            shape::TRIANGLES => return None,
+            shape::UNSEEN => {
+                let lights = 0..scene.instance_word(frame, instance, instance_record::LIGHT_COUNT);
+                let of_light = |local: u32| {
+                    let triangle = light::place_of(frame, scene, light::Address { emitter, local }).triangle;
+                    let world = scene.world_triangle(frame, instance, triangle);
+                    passed(instance, Some(triangle), world.point(1.0 / 3.0, 1.0 / 3.0), 0.0)
+                };
+                return lights.filter_map(of_light).min_by(nearer);
+            }
             shape::SPHERE => f32::from_bits(scene.instance_word(frame, instance, instance_record::RADIUS)),
             shape::RECTANGLE => edge(Vec3::X).min(edge(Vec3::Y)),
             _ => 0.0,
         };
-        let toward = scene.transform_point(matrix, Vec3::ZERO) - ray.origin;
-        let along = toward.dot(ray.direction);
-        let across = (toward - ray.direction * along).length();
-        let is_near = along > 0.0 && along < t_max && across <= along * REACH + size;
-        is_near.then_some((instance, along, across / along))
+        passed(instance, None, scene.transform_point(matrix, Vec3::ZERO), size)
     };
-    let near = (0..frame.emitter_count).filter_map(distance_of).min_by(|a, b| a.2.total_cmp(&b.2));
-    near.map(|(instance, along, _)| (instance, along))
+    (0..frame.emitter_count).filter_map(of_emitter).min_by(nearer)
 }
 
-/// What the ray through the middle of a pixel finds: a shape that it passes near to, though it can't be seen, or else the
+/// What the ray through the middle of a pixel finds: a light that it passes near to, though it can't be seen, or else the
 /// first triangle.
 pub fn at(packed: &PackedScene, frame: &Frame, px: UVec2) -> Option<Picked> {
     let (scene, bvh) = (view_of(packed), packed.bvh.as_slice());
@@ -71,11 +91,15 @@ pub fn at(packed: &PackedScene, frame: &Frame, px: UVec2) -> Option<Picked> {
         (false, true) => bvh::closest_hit::<false, true>(frame, &scene, bvh, &ray),
         (true, true) => bvh::closest_hit::<true, true>(frame, &scene, bvh, &ray),
     };
-    if let Some((instance, along)) = shape_near(frame, &scene, &ray, hit.t) {
+    let corners_of = |triangle: u32| {
+        let corner = |i: usize| Vec3::from_slice(&packed.triangles[triangle as usize * 9 + 3 * i..]);
+        [corner(0), corner(1), corner(2)]
+    };
+    if let Some(near) = light_near(frame, &scene, &ray, hit.t) {
         return Some(Picked {
-            position: ray.origin + ray.direction * along + packed.origin,
-            instance: packed.scene_instance(instance)?,
-            corners_object: [Vec3::ZERO; 3],
+            position: ray.origin + ray.direction * near.along + packed.origin,
+            instance: packed.scene_instance(near.instance)?,
+            corners_object: near.triangle.map_or([Vec3::ZERO; 3], corners_of),
             emits: true,
         });
     }
@@ -83,11 +107,10 @@ pub fn at(packed: &PackedScene, frame: &Frame, px: UVec2) -> Option<Picked> {
         return None;
     }
     let material = scene.material_of(frame, hit.instance, hit.triangle);
-    let corner = |i: usize| Vec3::from_slice(&packed.triangles[hit.triangle as usize * 9 + 3 * i..]);
     Some(Picked {
         position: ray.origin + ray.direction * hit.t + packed.origin,
         instance: packed.scene_instance(hit.instance)?,
-        corners_object: [corner(0), corner(1), corner(2)],
+        corners_object: corners_of(hit.triangle),
         emits: scene.material_rgb(material, material_record::EMISSION).max_element() > 0.0,
     })
 }
@@ -113,7 +136,7 @@ pub fn light_in_words(packed: &PackedScene, frame: &Frame, reservoir: &Reservoir
     let place = light::find(frame, &scene, light);
     let instance = packed.scene_instance(place.instance).map_or_else(String::new, |i| format!(" of instance {i}"));
     match scene.shape_of(frame, place.instance) {
-        shape::TRIANGLES => format!("light {light}: triangle {}{instance}", place.triangle),
+        shape::TRIANGLES | shape::UNSEEN => format!("light {light}: triangle {}{instance}", place.triangle),
         shape::PUNCTUAL => format!("light {light}: point or spot{instance}"),
         shape::SPHERE => format!("light {light}: sphere{instance}"),
         _ => format!("light {light}: rectangle{instance}"),

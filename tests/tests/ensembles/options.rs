@@ -63,9 +63,9 @@ fn candidates(scenario: &Scenario, seed: u32, knobs: &[&str]) -> [Vec<Reservoir>
 }
 
 /// Whether a knob is to draw the same whatever its value: rules that leave work out, which are compared bit by bit elsewhere,
-/// and what becomes of the light tree where nothing moves.
+/// what becomes of the light tree where nothing moves, and how a GPU traces rays.
 fn is_idle(key: &str) -> bool {
-    key.starts_with("skip.") || key == "candidates.tree_update"
+    key.starts_with("skip.") || ["candidates.tree_update", "rays.traversal"].contains(&key)
 }
 
 /// Every value of every other named knob draws a picture of its own.

@@ -197,9 +197,9 @@ fn deviation(
         if frame.candidates_bsdf > 0 {
             let bvh = &bench.packed.bvh;
             let hit = if bench.has_others() {
-                bsdf_rays::<false, true, true>(PX, 0, &frame, &view, bvh, surfaces)
+                bsdf_rays::<false, true, true>(PX, 0, &frame, &view, bvh.as_slice(), surfaces)
             } else {
-                bsdf_rays::<false, false, true>(PX, 0, &frame, &view, bvh, surfaces)
+                bsdf_rays::<false, false, true>(PX, 0, &frame, &view, bvh.as_slice(), surfaces)
             };
             hits[frame.index_of(PX) as usize] = spoil(index, hit);
         }
@@ -292,7 +292,7 @@ fn candidates_in_memory_are_those_of_the_stream() {
             kind(&mut frame);
             let mut presampled = vec![LightRecord::EMPTY];
             draw_ahead(&bench, &frame, &mut presampled);
-            let hit = bsdf_rays::<false, true, true>(PX, 0, &frame, &view, &bench.packed.bvh, surfaces);
+            let hit = bsdf_rays::<false, true, true>(PX, 0, &frame, &view, bench.packed.bvh.as_slice(), surfaces);
             let mut hits = [Reservoir::EMPTY; 4];
             hits[frame.index_of(PX) as usize] = hit;
             let of_memory =

@@ -14,9 +14,9 @@ fn found(bench: &Bench, cells: usize) -> Vec<f64> {
     for i in 0..RAYS {
         let frame = bench.frame(i);
         let hit = if bench.has_others() {
-            bsdf_rays::<false, true, true>(PX, 0, &frame, &bench.view(), bvh, &bench.surfaces)
+            bsdf_rays::<false, true, true>(PX, 0, &frame, &bench.view(), bvh.as_slice(), &bench.surfaces)
         } else {
-            bsdf_rays::<false, false, true>(PX, 0, &frame, &bench.view(), bvh, &bench.surfaces)
+            bsdf_rays::<false, false, true>(PX, 0, &frame, &bench.view(), bvh.as_slice(), &bench.surfaces)
         };
         counts[if hit.has_sample() { bench.cell_of(hit.light, hit.uv) } else { cells }] += 1.0;
     }

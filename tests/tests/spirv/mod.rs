@@ -108,6 +108,13 @@ impl<'a> Reader<'a> {
         self.definitions[&variable].operands[0].unwrap_storage_class()
     }
 
+    /// Whether a variable is an acceleration structure.
+    pub fn is_acceleration_structure(&self, variable: u32) -> bool {
+        let pointer = self.definitions[&variable].result_type;
+        let pointee = pointer.and_then(|id| self.definitions[&id].operands[1].id_ref_any());
+        pointee.is_some_and(|id| self.definitions[&id].class.opcode == Op::TypeAccelerationStructureKHR)
+    }
+
     /// Whether an id has a decoration.
     pub fn has_decoration(&self, id: u32, what: Decoration) -> bool {
         self.decorations.contains_key(&(id, what))

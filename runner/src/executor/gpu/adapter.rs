@@ -7,7 +7,7 @@ use std::{
     time::Duration,
 };
 
-use super::{GpuError, pipelines::Cache, stored::StoredPipelines};
+use super::{GpuError, RayLimits, pipelines::Cache, stored::StoredPipelines};
 
 /// Which adapter to use.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -53,6 +53,10 @@ pub struct AdapterFacts {
     pub passthrough: bool,
     /// Whether the time of a pass can be measured.
     pub timestamps: bool,
+    /// What ray queries can take, or why they can't be used.
+    pub ray_queries: Result<RayLimits, &'static str>,
+    /// Whether rays go by queries unless told otherwise: not where these run in software.
+    pub prefers_queries: bool,
 }
 
 /// The instance, as the variables `WGPU_BACKEND`, `WGPU_VALIDATION`, `WGPU_DEBUG` and their kin ask for it.
@@ -100,8 +104,65 @@ fn facts(adapter: &wgpu::Adapter) -> AdapterFacts {
         max_buffer_bytes: limits.max_buffer_size,
         passthrough: info.backend == wgpu::Backend::Vulkan && features.contains(wgpu::Features::PASSTHROUGH_SHADERS),
         timestamps: features.contains(wgpu::Features::TIMESTAMP_QUERY),
+        ray_queries: ray_queries(adapter),
+        prefers_queries: info.device_type != wgpu::DeviceType::Cpu,
         name: info.name,
     }
+}
+
+fn ray_queries(adapter: &wgpu::Adapter) -> Result<RayLimits, &'static str> {
+    let (limits, features) = (adapter.limits(), adapter.features());
+    if !features.contains(wgpu::Features::EXPERIMENTAL_RAY_QUERY) {
+        return Err("the adapter has no ray queries");
+    }
+    if adapter.get_info().backend != wgpu::Backend::Vulkan || !features.contains(wgpu::Features::PASSTHROUGH_SHADERS) {
+        return Err("the adapter takes no SPIR-V as it is, which ray queries need");
+    }
+    if limits.max_acceleration_structures_per_shader_stage < 2 {
+        return Err("a pass can't bind the two acceleration structures that the two last frames need");
+    }
+    Ok(RayLimits { triangles: limits.max_blas_primitive_count, instances: limits.max_tlas_instance_count })
+}
+
+/// The device of an adapter, with all that weir can make use of.
+async fn request(
+    adapter: &wgpu::Adapter,
+    has_ray_queries: bool,
+) -> Result<(wgpu::Device, wgpu::Queue), wgpu::RequestDeviceError> {
+    let offered = adapter.limits();
+    let wanted = wgpu::Features::PASSTHROUGH_SHADERS | wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::PIPELINE_CACHE;
+    let lowest = wgpu::Limits::downlevel_defaults().using_resolution(offered.clone()).using_alignment(offered.clone());
+    // What weir depends on is asked for in full; the rest is what every adapter has.
+    let limits = wgpu::Limits {
+        max_storage_buffers_per_shader_stage: offered.max_storage_buffers_per_shader_stage,
+        max_storage_buffer_binding_size: offered.max_storage_buffer_binding_size,
+        max_buffer_size: offered.max_buffer_size,
+        ..lowest
+    };
+    let plain = wgpu::DeviceDescriptor {
+        label: Some("weir"),
+        required_features: adapter.features() & wanted,
+        required_limits: limits.clone(),
+        ..Default::default()
+    };
+    if !has_ray_queries {
+        return adapter.request_device(&plain).await;
+    }
+    let descriptor = wgpu::DeviceDescriptor {
+        required_features: plain.required_features | wgpu::Features::EXPERIMENTAL_RAY_QUERY,
+        required_limits: wgpu::Limits {
+            max_blas_primitive_count: offered.max_blas_primitive_count,
+            max_blas_geometry_count: offered.max_blas_geometry_count,
+            max_tlas_instance_count: offered.max_tlas_instance_count,
+            max_acceleration_structures_per_shader_stage: offered.max_acceleration_structures_per_shader_stage,
+            ..limits
+        },
+        // SAFETY: wgpu does not yet promise that its ray queries are sound. What is asked of them is checked against
+        // traversal in software.
+        experimental_features: unsafe { wgpu::ExperimentalFeatures::enabled() },
+        ..plain
+    };
+    adapter.request_device(&descriptor).await
 }
 
 /// What the device has reported since it was opened.
@@ -155,26 +216,16 @@ impl Gpu {
         surface: Option<&wgpu::Surface<'_>>,
     ) -> Result<Self, GpuError> {
         let adapter = choose(ranked(&instance, surface).await, choice)?;
-        let facts = facts(&adapter);
-        let offered = adapter.limits();
-        let wanted =
-            wgpu::Features::PASSTHROUGH_SHADERS | wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::PIPELINE_CACHE;
-        let descriptor = wgpu::DeviceDescriptor {
-            label: Some("weir"),
-            required_features: adapter.features() & wanted,
-            // What weir depends on is asked for in full; the rest is what every adapter has.
-            required_limits: wgpu::Limits {
-                max_storage_buffers_per_shader_stage: offered.max_storage_buffers_per_shader_stage,
-                max_storage_buffer_binding_size: offered.max_storage_buffer_binding_size,
-                max_buffer_size: offered.max_buffer_size,
-                ..wgpu::Limits::downlevel_defaults().using_resolution(offered.clone()).using_alignment(offered)
-            },
-            ..Default::default()
+        let mut facts = facts(&adapter);
+        let opened = match request(&adapter, facts.ray_queries.is_ok()).await {
+            Err(_) if facts.ray_queries.is_ok() => {
+                facts.ray_queries = Err("the adapter gives no device with ray queries");
+                request(&adapter, false).await
+            }
+            opened => opened,
         };
-        let (device, queue) = adapter
-            .request_device(&descriptor)
-            .await
-            .map_err(|error| GpuError::NoDevice { adapter: facts.name.clone(), reason: error.to_string() })?;
+        let (device, queue) =
+            opened.map_err(|error| GpuError::NoDevice { adapter: facts.name.clone(), reason: error.to_string() })?;
 
         // Without these two, wgpu panics.
         let health = Arc::new(Health::default());

@@ -1,13 +1,18 @@
 //! Buffers on the GPU: the scene's and the frame's, and the way back.
 
-use std::{collections::BTreeMap, ops::Range, sync::mpsc};
+use std::{
+    collections::BTreeMap,
+    ops::Range,
+    sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc},
+};
 
 use weir_shader::wiring::Access;
 
-use super::{Gpu, GpuError};
+use super::{Gpu, GpuError, Traced, Traversal, queries::Acceleration};
 use crate::{
     executor::{AlignedBytes, SceneBuffers},
     graph::{Plan, Slot},
+    packed::Changed,
 };
 
 /// An empty buffer can't be bound; this much holds an element of any kind of the scene's.
@@ -19,6 +24,8 @@ const UPLOAD_BYTES: usize = 32 << 20;
 #[derive(Clone)]
 pub struct GpuScene {
     buffers: BTreeMap<&'static str, (wgpu::Buffer, u64)>,
+    /// Once rays were to go by queries: what these need, or why they can't have it.
+    acceleration: Arc<Mutex<Option<Result<Acceleration, String>>>>,
 }
 
 impl GpuScene {
@@ -39,7 +46,65 @@ impl GpuScene {
             gpu.check()?;
             buffers.insert(name, (buffer, bytes.len() as u64));
         }
-        Ok(Self { buffers })
+        Ok(Self { buffers, acceleration: Arc::default() })
+    }
+
+    /// Builds what ray queries need, once, if rays are to go by them; says in a warning if that is asked for in vain.
+    ///
+    /// # Errors
+    /// If the device fails.
+    pub async fn accelerate(&self, gpu: &Gpu, scene: SceneBuffers<'_>, traversal: Traversal) -> Result<(), GpuError> {
+        let of_adapter = gpu.facts.traced(traversal);
+        if let (Traversal::Hardware, Traced::Software(why)) = (traversal, &of_adapter) {
+            tracing::warn!("rays are traced in software: {why}");
+        }
+        if of_adapter != Traced::Hardware || self.acceleration().is_some() {
+            return Ok(());
+        }
+        let made = Acceleration::new(gpu, scene, &self.buffers["triangles"].0).await?;
+        if let Err(why) = &made {
+            tracing::warn!("rays are traced in software: {why}");
+        }
+        *self.acceleration() = Some(made);
+        Ok(())
+    }
+
+    /// How rays are traced in this scene.
+    pub fn traced(&self, gpu: &Gpu, traversal: Traversal) -> Traced {
+        match (gpu.facts.traced(traversal), &*self.acceleration()) {
+            (Traced::Hardware, Some(Err(why))) => Traced::Software(why.clone()),
+            (Traced::Hardware, None) => Traced::Software("no acceleration structures were built".to_owned()),
+            (traced, _) => traced,
+        }
+    }
+
+    /// Gives up ray queries, with the reason.
+    pub(super) fn decelerate(&self, why: String) {
+        *self.acceleration() = Some(Err(why));
+    }
+
+    pub(super) fn acceleration(&self) -> MutexGuard<'_, Option<Result<Acceleration, String>>> {
+        self.acceleration.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Copies what has changed of the scene, and brings acceleration structures up to date; the next frame sees it.
+    ///
+    /// # Errors
+    /// As [`GpuScene::update`].
+    pub async fn follow(&self, gpu: &Gpu, scene: SceneBuffers<'_>, changed: &[Changed]) -> Result<(), GpuError> {
+        for Changed { buffer, range } in changed {
+            self.update(gpu, buffer, range.start as u64, &scene.bytes(buffer)[range.clone()])?;
+        }
+        let taken = if changed.is_empty() { None } else { self.acceleration().take() };
+        if let Some(mut taken) = taken {
+            let placed = match &mut taken {
+                Ok(acceleration) => acceleration.place(gpu, scene).await,
+                Err(_) => Ok(()),
+            };
+            *self.acceleration() = Some(taken);
+            placed?;
+        }
+        Ok(())
     }
 
     /// Overwrites a part of the buffer `name` from byte `offset` on; the next frame sees it.
@@ -129,11 +194,14 @@ fn fits(gpu: &Gpu, buffer: &str, bytes: u64, remedy: &'static str) -> Result<(),
 
 /// A buffer of zeros that passes can bind and that can be copied from.
 async fn storage(gpu: &Gpu, label: &str, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
+    // Acceleration structures are built from it.
+    let is_input = label == "triangles" && gpu.facts.ray_queries.is_ok();
+    let more = if is_input { wgpu::BufferUsages::BLAS_INPUT } else { wgpu::BufferUsages::empty() };
     gpu.guarded(|| {
         gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
             size: bytes.max(LEAST_BYTES).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT),
-            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC,
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::COPY_SRC | more,
             mapped_at_creation: false,
         })
     })

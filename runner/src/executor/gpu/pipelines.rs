@@ -2,10 +2,14 @@
 
 use std::{borrow::Cow, collections::HashMap};
 
-use weir_shader::wiring::{Access, Extent, Pass};
+use weir_shader::wiring::{Access, Extent};
 use weir_shared::frame::FramePair;
 
-use super::{Gpu, GpuError, memory::Memory};
+use super::{
+    Gpu, GpuError, Traced,
+    memory::Memory,
+    queries::{Acceleration, Bound, NODES, bound_with_queries},
+};
 use crate::graph::{Plan, Planned};
 
 /// Pixels in a row and in a column of a workgroup; entry points say the same.
@@ -37,6 +41,39 @@ pub enum Module {
     Plain,
     /// Every float operation as written, so that it can equal the host; needs passthrough
     Strict,
+}
+
+/// What a pipeline is compiled from.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+enum Source {
+    Of(Module),
+    RayQuery,
+}
+
+impl Source {
+    fn of(step: &Planned, module: Module, traced: &Traced) -> Self {
+        if *traced == Traced::Hardware && step.pass.bindings.iter().any(|binding| binding.name == NODES) {
+            Self::RayQuery
+        } else {
+            Self::Of(module)
+        }
+    }
+
+    fn words(self) -> Cow<'static, [u32]> {
+        match self {
+            Self::Of(Module::Plain) => crate::shaders::plain(),
+            Self::Of(Module::Strict) => crate::shaders::strict(),
+            Self::RayQuery => crate::shaders::ray_query(),
+        }
+    }
+
+    /// What a pass binds, from number 1 on.
+    fn bound(self, step: &Planned) -> Vec<Bound> {
+        match self {
+            Self::Of(_) => (0..step.pass.bindings.len()).map(Bound::Buffer).collect(),
+            Self::RayQuery => bound_with_queries(step.pass),
+        }
+    }
 }
 
 /// A step, ready to run.
@@ -72,8 +109,8 @@ impl Loader {
 /// What a device has compiled: modules, and the pipelines of passes. Plans of any size share them.
 #[derive(Default)]
 pub(super) struct Cache {
-    modules: HashMap<(Loader, Module), wgpu::ShaderModule>,
-    passes: HashMap<(Loader, Module, &'static str), (wgpu::BindGroupLayout, wgpu::ComputePipeline)>,
+    modules: HashMap<Module, wgpu::ShaderModule>,
+    passes: HashMap<(Loader, Source, &'static str), (wgpu::BindGroupLayout, wgpu::ComputePipeline)>,
 }
 
 /// Pipelines for the steps of a plan, on the given memory.
@@ -84,6 +121,7 @@ pub(super) async fn compile(
     uniform: &wgpu::Buffer,
     loader: Loader,
     module: Module,
+    traced: Traced,
 ) -> Result<Vec<Compiled>, GpuError> {
     let limit = gpu.device.limits().max_storage_buffers_per_shader_stage;
     for pass in plan.steps.iter().map(|s| s.pass) {
@@ -95,18 +133,13 @@ pub(super) async fn compile(
     let loader = loader.resolve(gpu, module)?;
     let mut compiled = Vec::new();
     for step in &plan.steps {
-        let (layout, pipeline) = pass(gpu, step, loader, module).await?;
-        let bind_groups = gpu.guarded(|| bind_groups(gpu, step, memory, uniform, &layout)).await?;
+        let source = Source::of(step, module, &traced);
+        let (layout, pipeline) = pass(gpu, step, loader, source).await?;
+        let bound = source.bound(step);
+        let bind_groups = gpu.guarded(|| bind_groups(gpu, step, &bound, memory, uniform, &layout)).await?;
         compiled.push(Compiled { pass: step.pass.name, extent: step.pass.extent, pipeline, bind_groups });
     }
     Ok(compiled)
-}
-
-fn words(module: Module) -> Cow<'static, [u32]> {
-    match module {
-        Module::Plain => crate::shaders::plain(),
-        Module::Strict => crate::shaders::strict(),
-    }
 }
 
 /// The module that holds an entry point. Through naga that is all of it, read once; a driver gets no more than it needs,
@@ -114,19 +147,19 @@ fn words(module: Module) -> Cow<'static, [u32]> {
 async fn module_for(
     gpu: &Gpu,
     loader: Loader,
-    module: Module,
+    source: Source,
     entry_points: &[&'static str],
 ) -> Result<wgpu::ShaderModule, GpuError> {
     let label = Some("weir");
-    if loader == Loader::Naga {
-        if let Some(known) = gpu.cache().modules.get(&(loader, module)) {
+    if let (Loader::Naga, Source::Of(module)) = (loader, source) {
+        if let Some(known) = gpu.cache().modules.get(&module) {
             return Ok(known.clone());
         }
-        let descriptor = wgpu::ShaderModuleDescriptor { label, source: wgpu::ShaderSource::SpirV(words(module)) };
+        let descriptor = wgpu::ShaderModuleDescriptor { label, source: wgpu::ShaderSource::SpirV(source.words()) };
         let checks = wgpu::ShaderRuntimeChecks::unchecked();
         // SAFETY: passes index only what the frame and the scene say is there; naga's checks cost a third of the speed.
         let read = gpu.guarded(|| unsafe { gpu.device.create_shader_module_trusted(descriptor, checks) }).await?;
-        gpu.cache().modules.insert((loader, module), read.clone());
+        gpu.cache().modules.insert(module, read.clone());
         return Ok(read);
     }
     // wgpu doesn't read the module, so it has to be told what it offers.
@@ -137,7 +170,7 @@ async fn module_for(
     let descriptor = wgpu::ShaderModuleDescriptorPassthrough {
         label,
         entry_points: offered.collect(),
-        spirv: Some(crate::shaders::part::only(&words(module), entry_points).into()),
+        spirv: Some(crate::shaders::part::only(&source.words(), entry_points).into()),
         ..Default::default()
     };
     // SAFETY: the module is built and validated with this crate, and a test keeps it equal to its sources.
@@ -148,7 +181,7 @@ impl Gpu {
     /// The optimised module, or the part of it that holds some entry points.
     pub(crate) async fn module_of(&self, entry_points: &[&'static str]) -> Result<wgpu::ShaderModule, GpuError> {
         let loader = Loader::Auto.resolve(self, Module::Plain)?;
-        module_for(self, loader, Module::Plain, entry_points).await
+        module_for(self, loader, Source::Of(Module::Plain), entry_points).await
     }
 }
 
@@ -157,17 +190,17 @@ async fn pass(
     gpu: &Gpu,
     step: &Planned,
     loader: Loader,
-    module: Module,
+    source: Source,
 ) -> Result<(wgpu::BindGroupLayout, wgpu::ComputePipeline), GpuError> {
     let entry_point = step.variant.entry_point;
-    if let Some(known) = gpu.cache().passes.get(&(loader, module, entry_point)) {
+    if let Some(known) = gpu.cache().passes.get(&(loader, source, entry_point)) {
         return Ok(known.clone());
     }
-    let shader = module_for(gpu, loader, module, &[entry_point]).await?;
+    let shader = module_for(gpu, loader, source, &[entry_point]).await?;
     let name = Some(step.pass.name);
     let made = gpu
         .guarded(|| {
-            let layout = layout(gpu, step.pass);
+            let layout = layout(gpu, step, &source.bound(step));
             let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
                 label: name,
                 bind_group_layouts: &[Some(&layout)],
@@ -184,7 +217,7 @@ async fn pass(
             (layout, pipeline)
         })
         .await?;
-    gpu.cache().passes.insert((loader, module, entry_point), made.clone());
+    gpu.cache().passes.insert((loader, source, entry_point), made.clone());
     Ok(made)
 }
 
@@ -192,17 +225,23 @@ async fn pass(
 fn bind_groups(
     gpu: &Gpu,
     step: &Planned,
+    bound: &[Bound],
     memory: &Memory,
     uniform: &wgpu::Buffer,
     layout: &wgpu::BindGroupLayout,
 ) -> [wgpu::BindGroup; 2] {
+    let acceleration = memory.scene().acceleration();
+    let tops = acceleration.as_ref().and_then(|built| built.as_ref().ok()).map(Acceleration::tops);
     [0, 1].map(|parity| {
         let frames = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
             buffer: uniform,
             offset: u64::from(step.round) * uniform_stride(gpu),
             size: wgpu::BufferSize::new(size_of::<FramePair>() as u64),
         });
-        let buffers = step.slots.iter().map(|&(_, slot)| memory.buffer(slot, parity).as_entire_binding());
+        let buffers = bound.iter().map(|bound| match *bound {
+            Bound::Buffer(i) => memory.buffer(step.slots[i].1, parity).as_entire_binding(),
+            Bound::Top(block) => tops.expect("acceleration structures were built")[block].as_binding(),
+        });
         let entries: Vec<_> = std::iter::once(frames)
             .chain(buffers)
             .zip(0..)
@@ -217,7 +256,7 @@ fn bind_groups(
 }
 
 /// The frame at binding 0, then the buffers of the pass; explicit, because a passthrough module implies none.
-fn layout(gpu: &Gpu, pass: &Pass) -> wgpu::BindGroupLayout {
+fn layout(gpu: &Gpu, step: &Planned, bound: &[Bound]) -> wgpu::BindGroupLayout {
     let entry = |binding, ty, bytes| wgpu::BindGroupLayoutEntry {
         binding,
         visibility: wgpu::ShaderStages::COMPUTE,
@@ -228,11 +267,19 @@ fn layout(gpu: &Gpu, pass: &Pass) -> wgpu::BindGroupLayout {
         },
         count: None,
     };
-    let storage = pass.bindings.iter().zip(1..).map(|(binding, number)| {
-        let read_only = binding.access == Access::Read;
-        entry(number, wgpu::BufferBindingType::Storage { read_only }, binding.stride)
+    let others = bound.iter().zip(1..).map(|(bound, number)| match *bound {
+        Bound::Buffer(i) => {
+            let binding = &step.pass.bindings[i];
+            let read_only = binding.access == Access::Read;
+            entry(number, wgpu::BufferBindingType::Storage { read_only }, binding.stride)
+        }
+        Bound::Top(_) => wgpu::BindGroupLayoutEntry {
+            ty: wgpu::BindingType::AccelerationStructure { vertex_return: false },
+            ..entry(number, wgpu::BufferBindingType::Uniform, 0)
+        },
     });
     let entries: Vec<_> =
-        std::iter::once(entry(0, wgpu::BufferBindingType::Uniform, size_of::<FramePair>())).chain(storage).collect();
-    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(pass.name), entries: &entries })
+        std::iter::once(entry(0, wgpu::BufferBindingType::Uniform, size_of::<FramePair>())).chain(others).collect();
+    gpu.device
+        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(step.pass.name), entries: &entries })
 }

@@ -42,9 +42,7 @@ pub(super) fn place(gpu: Option<&Gpu>, packed: &PackedScene) -> Result<Place, Gp
 
 pub(super) fn update(place: &Place, scene: SceneBuffers<'_>, changed: Vec<Changed>) -> Result<(), GpuError> {
     if let Place::Gpu(gpu, on_gpu) = place {
-        for Changed { buffer, range } in changed {
-            on_gpu.update(gpu, buffer, range.start as u64, &scene.bytes(buffer)[range])?;
-        }
+        pollster::block_on(on_gpu.follow(gpu, scene, &changed))?;
     }
     Ok(())
 }
@@ -102,6 +100,7 @@ pub(super) fn chain_for(
     let executor = match place {
         Place::Cpu => Executor::Cpu(Box::new(CpuExecutor::new(&plan))),
         Place::Gpu(gpu, scene) => {
+            pollster::block_on(scene.accelerate(gpu, packed.buffers(), plan.facts.traversal))?;
             let made = GpuExecutor::on_scene(gpu, &plan, scene, Loader::Auto, Module::Plain);
             let executor = pollster::block_on(made)?;
             gpu.store_pipelines();

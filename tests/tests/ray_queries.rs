@@ -1,0 +1,226 @@
+//! Rays by the driver's ray queries against rays in software: the same hits up to ties, the same pictures, and no bias.
+//!
+//! Where the adapter has no ray queries these tests are skipped, visibly; `REQUIRE_RAY_QUERIES=1` makes that a failure.
+
+use weir::{
+    crosscheck::{Check, Report, check},
+    executor::gpu::{Gpu, GpuExecutor, Loader, Module, RayLimits, Traced, Traversal},
+    packed::{Moment, PackOptions, PackedScene},
+    render::{Backend, Rendered, Request, Stop, facts_of, render, render_reference},
+    scene::{Camera, Scene, builtin},
+    sequence::{Sequence, Shot},
+    technique::{Technique, ToneCurve, direct_light},
+};
+use weir_shader::PASSES;
+use weir_shared::surface::Surface;
+use weir_tests::{gpu_or_skip, request, scenes, skipped};
+
+const HARDWARE: &str = "rays.traversal=hardware";
+const SOFTWARE: &str = "rays.traversal=software";
+
+/// Largest share of rays that may find another triangle: one of several at the same distance, or the neighbour at an edge.
+const MOST_TIES: f64 = 0.002;
+
+/// A GPU with ray queries; without one, says so and returns nothing.
+fn queries_or_skip(test: &str) -> Option<Gpu> {
+    let gpu = gpu_or_skip(test)?;
+    match gpu.facts.traced(Traversal::Hardware) {
+        Traced::Hardware => Some(gpu),
+        traced if std::env::var("REQUIRE_RAY_QUERIES").is_ok_and(|v| v == "1") => panic!("{test}: rays {traced}"),
+        traced => {
+            skipped(test, &format!("rays {traced}"));
+            None
+        }
+    }
+}
+
+/// A built-in scene.
+fn built_in(name: &str) -> Scene {
+    (builtin::find(name).expect("built in").build)()
+}
+
+/// What camera rays find, in each of three frames of a moving scene.
+fn found(gpu: &Gpu, scene: &Scene, size: [u32; 2], traversal: &str) -> Vec<Vec<Surface>> {
+    let camera = scene.camera.expect("the scene has a camera");
+    let request = request(&camera, size, Technique::RealTime, &[traversal]);
+    let mut packed = PackedScene::with(scene, &Moment::default(), PackOptions::of(&request.settings)).expect("packs");
+    let facts = facts_of(&packed, size[0], size[1], &request.settings);
+    let plan = direct_light(Technique::RealTime, &request.settings, &facts, ToneCurve::Agx, &["surfaces"]);
+    let plan = plan.expect("the frame has a plan");
+    let mut executor =
+        GpuExecutor::new(gpu, &plan, packed.buffers(), Loader::Passthrough, Module::Strict).expect("the plan fits");
+    assert_eq!(*executor.traced() == Traced::Hardware, traversal == HARDWARE, "rays {}", executor.traced());
+    let mut sequence = Sequence::new(&mut packed, request);
+    let shot = |i: u32| Shot { moment: Moment { time_s: 0.4 * i as f32, ..Moment::default() }, camera };
+    let of_frame = |i| {
+        let (frames, changed) = sequence.next(&shot(i)).expect("the shot can be shown");
+        executor.update(sequence.packed().buffers(), &changed).expect("the GPU works");
+        executor.run(&frames).expect("the GPU works");
+        executor.read("surfaces").expect("the GPU works").elements().to_vec()
+    };
+    (0..3).map(of_frame).collect()
+}
+
+#[test]
+fn queries_find_what_software_finds_up_to_ties() {
+    let Some(gpu) = queries_or_skip("queries_find_what_software_finds_up_to_ties") else { return };
+    for (name, scene) in [
+        ("cornell", built_in("cornell")),
+        ("rooms", built_in("rooms")),
+        ("park", built_in("park")),
+        ("studio", built_in("studio")),
+        // Masks, instances that move, mirrored ones.
+        ("variety", scenes::variety()),
+    ] {
+        let [by_query, in_software] = [HARDWARE, SOFTWARE].map(|traversal| found(&gpu, &scene, [96, 64], traversal));
+        for (frame, (by_query, in_software)) in by_query.iter().zip(&in_software).enumerate() {
+            let origin = scene.camera.expect("there is one").origin;
+            let (mut ties, mut others) = (0, Vec::new());
+            for (i, (a, b)) in by_query.iter().zip(in_software).enumerate() {
+                if bytemuck::bytes_of(a) == bytemuck::bytes_of(b) {
+                    continue;
+                }
+                let [near, far] = [a, b].map(|surface| (surface.position() - origin).length());
+                ties += 1;
+                if a.is_sky() || b.is_sky() || (near - far).abs() > 1e-4 * far {
+                    others.push((i, near, far));
+                }
+            }
+            let rays = by_query.len();
+            println!("{name}, frame {frame}: {ties} of {rays} rays differ, {} not in distance alone", others.len());
+            assert!(f64::from(ties) <= MOST_TIES * rays as f64, "{name}: {ties} of {rays} rays differ");
+            assert!(others.len() <= 1, "{name}: pixel, distance by query, distance in software: {others:?}");
+            let hits = in_software.iter().filter(|surface| !surface.is_sky()).count();
+            assert!(hits * 10 > rays, "{name}: {hits} hits are too few to compare");
+        }
+    }
+}
+
+/// Three frames by queries, in which the camera and what can move do, with every pass against the host's.
+fn checked(gpu: &Gpu, scene: &Scene, technique: Technique, knobs: &[&str]) -> Report {
+    const SIZE: [u32; 2] = [45, 31];
+    let camera = scene.camera.expect("the scene has a camera");
+    let request = request(&camera, SIZE, technique, &[knobs, &[HARDWARE]].concat());
+    let mut packed = PackedScene::with(scene, &Moment::default(), PackOptions::of(&request.settings)).expect("packs");
+    let facts = facts_of(&packed, SIZE[0], SIZE[1], &request.settings);
+    let settings = request.settings.clone();
+    let what = Check {
+        passes: PASSES,
+        technique,
+        settings: &settings,
+        facts: &facts,
+        curve: ToneCurve::Agx,
+        loader: Loader::Passthrough,
+        module: Module::Strict,
+    };
+    let shot = |i: u32| Shot {
+        moment: Moment { time_s: 0.1 * i as f32, ..Moment::default() },
+        camera: Camera { origin: camera.origin + camera.up * 0.02 * i as f32, ..camera },
+    };
+    let shots: Vec<_> = (0..3).map(shot).collect();
+    let report = check(gpu, &what, &mut Sequence::new(&mut packed, request), &shots).expect("the GPU works");
+    println!("{knobs:?}\n{report}");
+    report
+}
+
+#[test]
+fn every_pass_that_traces_rays_agrees_with_the_host_up_to_ties() {
+    let Some(gpu) = queries_or_skip("every_pass_that_traces_rays_agrees_with_the_host_up_to_ties") else { return };
+    let traces = |name: &str| {
+        let pass = PASSES.iter().find(|pass| pass.name == name).expect("in the table");
+        pass.bindings.iter().any(|binding| binding.name == "bvh")
+    };
+    let mut traced = std::collections::BTreeSet::new();
+    for (scene, technique, knobs) in [
+        (scenes::variety(), Technique::RealTime, &["rays=quality", "candidates.bsdf=1"] as &[&str]),
+        (scenes::variety(), Technique::Still, &["rays=balanced", "candidates.bsdf=1"]),
+        (scenes::cornell(), Technique::RealTime, &["rays=quality", "candidates.bsdf=1"]),
+        (scenes::studio(), Technique::RealTime, &["rays=balanced"]),
+    ] {
+        for row in checked(&gpu, &scene, technique, knobs).rows {
+            if traces(row.pass) {
+                traced.insert(row.pass);
+                let share = row.differing_pixels as f64 / row.pixels as f64;
+                assert!(share <= MOST_TIES, "{}: {share} of pixels differ", row.pass);
+            } else if gpu.rounds_exactly() {
+                assert_eq!(row.differing_words, 0, "{} traces no rays", row.pass);
+            }
+        }
+    }
+    let all = PASSES.iter().map(|pass| pass.name).filter(|name| traces(name)).collect();
+    assert_eq!(traced, all, "every pass that traces rays is in a case");
+}
+
+fn still(gpu: &Gpu, scene: &Scene, samples: u32, traversal: &str) -> Rendered {
+    let camera = scene.camera.expect("the scene has a camera");
+    let one = request(&camera, [32, 24], Technique::Still, &["rays=balanced", traversal]);
+    let request = Request { stop: Stop::Samples(samples), curve: ToneCurve::Clip, ..one };
+    let packed = PackedScene::with(scene, &Moment::default(), PackOptions::of(&request.settings)).expect("packs");
+    render(&packed, &request, &Backend::Gpu(gpu), |_| true).expect("renders")
+}
+
+/// z of the difference of means of two pictures, all channels together.
+fn z_of(a: &Rendered, b: &Rendered) -> f64 {
+    let (mut difference, mut variance) = (0.0, 0.0);
+    for i in 0..a.picture.rgb.len() {
+        for channel in 0..3 {
+            difference += f64::from(a.picture.rgb[i][channel]) - f64::from(b.picture.rgb[i][channel]);
+            variance += f64::from(a.variance[i][channel]) + f64::from(b.variance[i][channel]);
+        }
+    }
+    difference / variance.sqrt()
+}
+
+/// Against the reference integrator, which traces on the host; and a light brighter by 3 % is seen.
+#[test]
+fn stills_by_queries_have_the_mean_of_the_reference() {
+    let Some(gpu) = queries_or_skip("stills_by_queries_have_the_mean_of_the_reference") else { return };
+    for (name, scene) in [("cornell", scenes::cornell()), ("variety", scenes::variety())] {
+        let drawn = still(&gpu, &scene, 64, HARDWARE);
+        let camera = scene.camera.expect("there is one");
+        let packed = PackedScene::new(&scene, 0.0).expect("packs");
+        let one = request(&camera, [32, 24], Technique::Candidates, &[]);
+        let judge =
+            render_reference(&packed, &Request { stop: Stop::Samples(1024), ..one }, |_| true).expect("renders");
+        let z = z_of(&drawn, &judge);
+        println!("{name}: z = {z:.2}");
+        assert!(z.abs() < 4.3, "{name}: z = {z:.1}");
+        let mut brighter = scene.clone();
+        brighter.materials.iter_mut().for_each(|m| m.emission *= 1.03);
+        if let Some(map) = &mut brighter.environment {
+            map.scale *= 1.03;
+        }
+        let z = z_of(&still(&gpu, &brighter, 64, HARDWARE), &judge);
+        println!("{name}, brighter: z = {z:.2}");
+        assert!(z > 4.3, "{name}: 3 % more light went unnoticed: z = {z:.1}");
+    }
+}
+
+/// Where a scene is too large for the adapter, or has no queries, software goes on, and draws what it always draws.
+#[test]
+fn what_ray_queries_cannot_take_is_traced_in_software() {
+    let name = "what_ray_queries_cannot_take_is_traced_in_software";
+    let Some(gpu) = gpu_or_skip(name) else { return };
+    let scene = scenes::cornell();
+    let expected = still(&gpu, &scene, 2, SOFTWARE);
+    let roomy = RayLimits { triangles: u32::MAX, instances: u32::MAX };
+    for (limits, why) in [
+        (Err("none here"), "none here"),
+        (Ok(RayLimits { triangles: 5, ..roomy }), "triangles, and the adapter takes 5"),
+        (Ok(RayLimits { instances: 0, ..roomy }), "ray queries take 0"),
+    ] {
+        let mut small = gpu.clone();
+        // Without any, there is nothing to exceed.
+        small.facts.ray_queries = if gpu.facts.ray_queries.is_err() { Err("none here") } else { limits };
+        let camera = scene.camera.expect("there is one");
+        let request = request(&camera, [8, 8], Technique::Still, &[HARDWARE]);
+        let packed = PackedScene::new(&scene, 0.0).expect("packs");
+        let facts = facts_of(&packed, 8, 8, &request.settings);
+        let plan = direct_light(Technique::Still, &request.settings, &facts, ToneCurve::Agx, &["display"]);
+        let plan = plan.expect("the frame has a plan");
+        let executor = GpuExecutor::new(&small, &plan, packed.buffers(), Loader::Auto, Module::Plain).expect("it fits");
+        let Traced::Software(reason) = executor.traced() else { panic!("{why}: traced {}", executor.traced()) };
+        assert!(gpu.facts.ray_queries.is_err() || reason.contains(why), "{reason}");
+        assert_eq!(still(&small, &scene, 2, HARDWARE).display, expected.display, "{why}");
+    }
+}
