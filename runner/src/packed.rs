@@ -273,7 +273,7 @@ impl PackedScene {
             });
             ranges.push(MeshRange {
                 first: (triangles.len() / 9) as u32,
-                count: (mesh.triangles.len() / 9) as u32,
+                count: if mesh.is_found { (mesh.triangles.len() / 9) as u32 } else { 0 },
                 has_masks: mesh.has_masks,
             });
             bvh.extend_from_slice(&mesh.nodes);

@@ -5,7 +5,7 @@
 use weir::{
     crosscheck::{Check, Report, check},
     executor::{
-        Placement, SceneBuffers,
+        MeshRange, Placement, SceneBuffers,
         gpu::{Gpu, GpuExecutor, Loader, Module, RayLimits, Traced, Traversal},
     },
     packed::{Moment, PackOptions, PackedScene},
@@ -250,5 +250,20 @@ fn what_ray_queries_cannot_take_is_traced_in_software() {
         let Traced::Software(reason) = executor.traced() else { panic!("{why}: traced {}", executor.traced()) };
         assert!(gpu.facts.ray_queries.is_err() || reason.contains(why), "{reason}");
         assert_eq!(still(&small, &scene, 2, HARDWARE).display, expected.display, "{why}");
+    }
+    // And where the driver refuses: here, triangles that are not in the buffer.
+    if gpu.facts.traced(Traversal::Hardware) == Traced::Hardware {
+        let packed = PackedScene::new(&scene, 0.0).expect("packs");
+        let request = request(&scene.camera.expect("there is one"), [8, 8], Technique::Still, &[HARDWARE]);
+        let facts = facts_of(&packed, 8, 8, &request.settings);
+        let plan = direct_light(Technique::Still, &request.settings, &facts, ToneCurve::Agx, &["display"]);
+        let plan = plan.expect("the frame has a plan");
+        let buffers = packed.buffers();
+        let meshes = buffers.placement.meshes.iter().map(|mesh| MeshRange { first: mesh.first + 10_000, ..*mesh });
+        let meshes: Vec<_> = meshes.collect();
+        let buffers = SceneBuffers { placement: Placement { meshes: &meshes, ..buffers.placement }, ..buffers };
+        let executor = GpuExecutor::new(&gpu, &plan, buffers, Loader::Auto, Module::Plain).expect("software goes on");
+        let Traced::Software(reason) = executor.traced() else { panic!("traced {}", executor.traced()) };
+        assert!(reason.contains("builds no acceleration structures"), "{reason}");
     }
 }

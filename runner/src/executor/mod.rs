@@ -70,7 +70,7 @@ pub struct SceneBuffers<'a> {
 /// Where meshes and instances are in a scene's buffers: what a driver's acceleration structures are made of.
 #[derive(Clone, Copy)]
 pub struct Placement<'a> {
-    /// Meshes.
+    /// Meshes; those that no ray finds have no triangles here.
     pub meshes: &'a [MeshRange],
     /// Of each block: where its instances start in `records`, and how many there are.
     pub blocks: [[u32; 2]; 2],

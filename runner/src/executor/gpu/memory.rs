@@ -54,14 +54,18 @@ impl GpuScene {
     /// # Errors
     /// If the device fails.
     pub async fn accelerate(&self, gpu: &Gpu, scene: SceneBuffers<'_>, traversal: Traversal) -> Result<(), GpuError> {
-        let of_adapter = gpu.facts.traced(traversal);
-        if let (Traversal::Hardware, Traced::Software(why)) = (traversal, &of_adapter) {
-            tracing::warn!("rays are traced in software: {why}");
-        }
-        if of_adapter != Traced::Hardware || self.acceleration().is_some() {
+        let refused = match gpu.facts.traced(traversal) {
+            Traced::Hardware => None,
+            Traced::Software(why) if traversal == Traversal::Hardware => Some(why),
+            Traced::Software(_) => return Ok(()),
+        };
+        if self.acceleration().is_some() {
             return Ok(());
         }
-        let made = Acceleration::new(gpu, scene, &self.buffers["triangles"].0).await?;
+        let made = match refused {
+            Some(why) => Err(why),
+            None => Acceleration::new(gpu, scene, &self.buffers["triangles"].0).await?,
+        };
         if let Err(why) = &made {
             tracing::warn!("rays are traced in software: {why}");
         }
