@@ -368,7 +368,7 @@ impl PackedScene {
         Content {
             emitters: *has_lights,
             distant: environment::count(&self.frame) > 0,
-            shapes: top.has_shapes(),
+            shapes: top.has_unfound(),
             instances: *is_dynamic || !top.is_trivial(),
             motion: *is_dynamic || top.moves(),
             light_tree: capacity.has_tree,

@@ -35,7 +35,7 @@ pub enum Rule {
     Masks,
     /// Code that looks up images and alpha masks of what emits, where nothing that emits has any.
     EmissionImages,
-    /// Code for an environment, directional lights and shapes, where there are only emissive triangles.
+    /// Code for an environment, directional lights and shapes, where there are only emissive triangles that rays find.
     Environment,
     /// Code that takes rays into the space of instances, where there is one, in place.
     Instances,

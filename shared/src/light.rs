@@ -55,7 +55,7 @@ pub struct LightPoint {
     pub two_sided: bool,
     /// Whether the light is infinitely far away.
     pub distant: bool,
-    /// Whether no ray finds it: a shape or a directional light.
+    /// Whether no ray finds it: a shape, an unseen triangle or a directional light.
     pub analytic: bool,
     /// Whether it is a single point: then it has a falloff in place of a cosine.
     pub punctual: bool,

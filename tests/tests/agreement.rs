@@ -10,7 +10,7 @@ use weir::{
         gpu::{AdapterChoice, Gpu, GpuError, GpuExecutor, Loader, Module, Traced, adapters},
     },
     graph::{Facts, Plan},
-    packed::{Moment, PackOptions, PackedScene},
+    packed::{Changed, Moment, PackOptions, PackedScene},
     render::{Request, facts_of, frame_of},
     scene::{Camera, Scene},
     sequence::{Sequence, Shot},
@@ -366,10 +366,7 @@ fn a_moved_scene_draws_the_same_whether_it_is_updated_or_uploaded_anew() {
     let before = updated.read("display").expect("the GPU works");
     let changes = case.packed.set_time(1.0).expect("the transforms have inverses");
     assert!(!changes.is_empty());
-    for change in changes {
-        let bytes = &case.packed.buffers().bytes(change.buffer)[change.range.clone()];
-        updated.update_scene(change.buffer, change.range.start as u64, bytes).expect("the range is in the buffer");
-    }
+    updated.update(case.packed.buffers(), &changes).expect("the ranges are in the buffers");
     for frames in &mut case.frames {
         let Frame { index, accumulated, .. } = frames.now;
         let now = Frame { index, accumulated, ..frame_of(&case.packed, &case.request) };
@@ -383,8 +380,11 @@ fn a_moved_scene_draws_the_same_whether_it_is_updated_or_uploaded_anew() {
     assert!(after.bytes() == anew.bytes());
     assert!(after.bytes() != before.bytes(), "the light has moved");
 
-    let beyond = case.packed.buffers().bytes("records").len() as u64;
-    let refused = updated.update_scene("records", beyond, &[0; 4]);
+    // A word more than was uploaded.
+    let beyond = case.packed.records.len() * 4;
+    case.packed.records.push(0);
+    let beyond = Changed { buffer: "records", range: beyond..beyond + 4 };
+    let refused = updated.update(case.packed.buffers(), &[beyond]);
     assert!(matches!(refused, Err(GpuError::OutOfRange { .. })), "{refused:?}");
 }
 
@@ -403,7 +403,8 @@ fn losing_the_gpu_between_frames_is_an_error_and_a_new_one_can_be_opened() {
     assert!(matches!(seen, Some(GpuError::Lost(_))), "{seen:?}");
     assert!(lost(executor.run(&case.frames[2])), "it stays lost");
     assert!(lost(executor.read("display").map(drop)));
-    assert!(lost(executor.update_scene("records", 0, &[0; 4])));
+    let some = Changed { buffer: "records", range: 0..4 };
+    assert!(lost(executor.update(case.packed.buffers(), &[some])));
     let again = GpuExecutor::new(&gpu, &plan, case.packed.buffers(), Loader::Auto, Module::Plain);
     assert!(lost(again.map(drop)));
 

@@ -38,9 +38,13 @@ pub fn run(arguments: &StressArguments) -> anyhow::Result<Exit> {
                 return Err(Usage(format!("rays can't be traced by hardware: {why}")).into());
             }
             (Traversal::Hardware, Traced::Hardware) => gpu.facts.prefers_queries = true,
-            (Traversal::Software, _) => gpu.facts.prefers_queries = false,
+            (Traversal::Software, _) => gpu.facts.ray_queries = Err("`--traversal software`"),
             (Traversal::Auto, _) => {}
         }
+    }
+    if let (Traversal::Hardware, Err(why)) = (arguments.traversal, &gpu) {
+        let why = if why.is_empty() { "the CPU has no ray queries" } else { why };
+        return Err(Usage(format!("rays can't be traced by hardware: {why}")).into());
     }
     let cpu = arguments.backend.backend != BackendChoice::Gpu;
     if arguments.endurance {

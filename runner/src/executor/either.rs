@@ -7,7 +7,7 @@ use weir_shared::frame::FramePair;
 use super::{
     AlignedBytes, SceneBuffers,
     cpu::{CpuExecutor, Order},
-    gpu::{Gpu, GpuError, GpuExecutor, Loader, Module},
+    gpu::{Gpu, GpuError, GpuExecutor, Loader, Module, Traversal},
 };
 use crate::{graph::Plan, packed::Changed};
 
@@ -35,6 +35,9 @@ impl Executor {
     pub fn new(backend: &Backend<'_>, plan: &Plan, scene: SceneBuffers<'_>) -> Result<Self, GpuError> {
         Ok(match backend {
             Backend::Cpu(order) => {
+                if plan.facts.traversal == Traversal::Hardware {
+                    tracing::warn!("rays are traced in software: the CPU has no ray queries");
+                }
                 let mut executor = CpuExecutor::new(plan);
                 executor.order = *order;
                 Self::Cpu(Box::new(executor))

@@ -115,7 +115,7 @@ impl GpuExecutor {
             Err(error @ (GpuError::Validation(_) | GpuError::OutOfMemory(_))) if traced == Traced::Hardware => {
                 let why = format!("the driver refuses ray queries: {error}");
                 tracing::warn!("rays are traced in software: {why}");
-                scene.decelerate(why.clone());
+                scene.refuse(&why);
                 traced = Traced::Software(why);
                 compile(traced.clone()).await?
             }
@@ -322,16 +322,8 @@ impl GpuExecutor {
     /// Copies what has changed of the scene; the next frame sees it.
     ///
     /// # Errors
-    /// If the device fails.
+    /// If a change is not within its buffer or not in whole words, or if the device fails.
     pub fn update(&mut self, scene: SceneBuffers<'_>, changed: &[Changed]) -> Result<(), GpuError> {
         pollster::block_on(self.memory.scene().follow(&self.gpu, scene, changed))
-    }
-
-    /// Overwrites a part of the scene's buffer `name` from byte `offset` on; the next frame sees it.
-    ///
-    /// # Errors
-    /// If that is not within the buffer or not in whole words, or if the device fails.
-    pub fn update_scene(&mut self, name: &str, offset: u64, bytes: &[u8]) -> Result<(), GpuError> {
-        self.memory.scene().update(&self.gpu, name, offset, bytes)
     }
 }

@@ -15,7 +15,7 @@ pub struct Content {
     pub emitters: bool,
     /// An environment that shines, or directional lights.
     pub distant: bool,
-    /// Spheres, rectangles, points and spots.
+    /// Lights that no ray finds: spheres, rectangles, points, spots, and triangles that are unseen.
     pub shapes: bool,
     /// Images of any kind.
     pub images: bool,

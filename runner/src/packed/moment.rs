@@ -74,7 +74,8 @@ pub(super) struct Capacity {
 
 impl Capacity {
     pub(super) fn of(scene: &Scene, meshes: &[PackedMesh], options: PackOptions) -> Result<Self, PackError> {
-        let has_any = |m: &&PackedMesh| !m.triangles.is_empty() || m.shape.is_some();
+        // As `TopLevel::has_any`.
+        let has_any = |m: &&PackedMesh| !m.triangles.is_empty() || !m.is_found;
         let drawn = || scene.instances.iter().map(|i| &meshes[i.mesh as usize]).filter(has_any);
         let lights: u64 = drawn().map(|m| m.lights.len() as u64).sum();
         if lights > u64::from(weir_shared::light::ENVIRONMENT_BIT - 1) {
@@ -258,7 +259,7 @@ impl PackedScene {
             record[instance_record::COUNTERPART as usize] = NO_INSTANCE;
             record[instance_record::LIGHT_TREE_AT as usize] = start.light_tree_at;
             record[instance_record::LIGHT_CUTS_AT as usize] = start.light_cuts_at;
-            if start.shape.is_none() && is_found_alike {
+            if self.dynamics.top.is_found(instance) && is_found_alike {
                 let of = |block: usize, words: Range<u32>| {
                     let at = block + slot * instance_record::WORDS as usize;
                     &self.records[at + words.start as usize..at + words.end as usize]

@@ -348,3 +348,17 @@ fn the_probability_of_a_light_is_the_one_it_is_picked_with_and_hits_know_their_l
     let lights: Vec<u32> = (0..300).map(|t| light::of_hit(&frame, &view, &Hit { triangle: t, ..dark })).collect();
     assert_eq!(lights.iter().filter(|&&l| l == light::NO_LIGHT).count(), 270);
 }
+
+/// A mesh without triangles has nothing to find, whether rays look for it or not: it takes its place among the instances.
+#[test]
+fn an_unseen_mesh_without_triangles_does_no_harm() {
+    let mut scene = soup(100);
+    let still = |mesh| Instance { mesh, world_from_object: Mat4::IDENTITY, motion: Motion::Still };
+    scene.meshes.insert(0, Mesh { name: "nothing".into(), unseen: true, ..Mesh::default() });
+    scene.instances.iter_mut().for_each(|instance| instance.mesh += 1);
+    scene.instances.insert(0, still(0));
+    let packed = PackedScene::new(&scene, 0.0).expect("packs");
+    let placement = packed.buffers().placement;
+    assert!(placement.blocks[0][1] <= placement.capacity);
+    assert_eq!(packed.frame.light_count, PackedScene::new(&soup(100), 0.0).expect("packs").frame.light_count);
+}

@@ -48,6 +48,11 @@ impl TopLevel {
         self.instances[instance as usize].mesh
     }
 
+    /// Whether rays find an instance.
+    pub(super) fn is_found(&self, instance: u32) -> bool {
+        self.are_found[self.mesh(instance) as usize]
+    }
+
     /// Whether there is such an instance, and triangles or a shape of it.
     pub(super) fn has_any(&self, instance: u32) -> bool {
         let mesh = self.instances.get(instance as usize).map(|i| i.mesh as usize);
@@ -56,7 +61,7 @@ impl TopLevel {
     }
 
     /// Whether any instance is a light that rays don't find.
-    pub(super) fn has_shapes(&self) -> bool {
+    pub(super) fn has_unfound(&self) -> bool {
         self.instances.iter().any(|i| !self.are_found[i.mesh as usize])
     }
 

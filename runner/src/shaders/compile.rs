@@ -14,7 +14,7 @@ use super::{
 /// SPIR-V 1.3 with the simple memory model: wgpu does not enable the Vulkan memory model.
 const TARGET: &str = "spirv-unknown-spv1.3";
 
-/// Ray queries need SPIR-V 1.4.
+/// Ray queries need SPIR-V 1.4, which Vulkan 1.2 takes, as it takes 1.5.
 const TARGET_RAY_QUERY: &str = "spirv-unknown-spv1.5";
 
 /// Of `weir-shader`: the entry points that ask ray queries, and no others.

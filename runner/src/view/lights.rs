@@ -315,6 +315,20 @@ mod tests {
         scene.validate().expect("still a scene");
     }
 
+    /// However many lights that can't be seen are on the way to it.
+    #[test]
+    fn a_light_that_is_seen_is_picked_before_added_ones() {
+        let mut scene = cornell();
+        let lamp = lit_instance(&scene);
+        let center = lit_triangle(&scene, lamp).iter().sum::<Vec3>() / 3.0;
+        scatter(&mut scene, 100_000);
+        let camera = Camera { target: center, ..scene.camera.expect("a camera") };
+        let packed = PackedScene::new(&scene, 0.0).expect("packs");
+        let request = Request::new(camera, [33, 33], Technique::Candidates, Settings::default());
+        let picked = pick::at(&packed, &frame_of(&packed, &request), UVec2::splat(16)).expect("the lamp");
+        assert_eq!((picked.instance, picked.emits), (lamp, true));
+    }
+
     #[test]
     fn added_lights_are_lights_in_the_scene_and_shine_alike_however_many() {
         let power = |count: u32| {

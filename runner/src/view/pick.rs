@@ -7,7 +7,7 @@ use weir_shared::{
     environment,
     frame::Frame,
     light::{self, ENVIRONMENT_BIT},
-    ray::Ray,
+    ray::{Hit, Ray},
     reservoir::Reservoir,
     scene::{Scene as SceneView, emitter_record, instance_record, material_record, shape},
 };
@@ -32,8 +32,10 @@ pub fn view_of(packed: &PackedScene) -> SceneView<'_> {
     SceneView { triangles: &packed.triangles, records: &packed.records, texels: &packed.texels }
 }
 
-/// How far a ray may miss a light that it can't find and still pick it: the tangent of two degrees.
+/// How far a ray may miss a shape and still pick it: the tangent of two degrees.
 const REACH: f32 = 0.035;
+/// The same of one of many unseen triangles: of a fifth of a degree.
+const REACH_OF_MANY: f32 = 0.0035;
 
 /// A light that rays don't find, as a ray passes it.
 struct Near {
@@ -48,11 +50,11 @@ struct Near {
 
 /// The light that rays don't find that a ray passes nearest to, by the angle, no farther than `t_max`.
 fn light_near(frame: &Frame, scene: &SceneView<'_>, ray: &Ray, t_max: f32) -> Option<Near> {
-    let passed = |instance: u32, triangle: Option<u32>, center: Vec3, size: f32| {
+    let passed = |instance: u32, triangle: Option<u32>, center: Vec3, (reach, size): (f32, f32)| {
         let toward = center - ray.origin;
         let along = toward.dot(ray.direction);
         let across = (toward - ray.direction * along).length();
-        let is_near = along > 0.0 && along < t_max && across <= along * REACH + size;
+        let is_near = along > 0.0 && along < t_max && across <= along * reach + size;
         is_near.then_some(Near { instance, triangle, along, angle: across / along })
     };
     let nearer = |a: &Near, b: &Near| a.angle.total_cmp(&b.angle);
@@ -67,7 +69,7 @@ fn light_near(frame: &Frame, scene: &SceneView<'_>, ray: &Ray, t_max: f32) -> Op
                 let of_light = |local: u32| {
                     let triangle = light::place_of(frame, scene, light::Address { emitter, local }).triangle;
                     let world = scene.world_triangle(frame, instance, triangle);
-                    passed(instance, Some(triangle), world.point(1.0 / 3.0, 1.0 / 3.0), 0.0)
+                    passed(instance, Some(triangle), world.point(1.0 / 3.0, 1.0 / 3.0), (REACH_OF_MANY, 0.0))
                 };
                 return lights.filter_map(of_light).min_by(nearer);
             }
@@ -75,7 +77,7 @@ fn light_near(frame: &Frame, scene: &SceneView<'_>, ray: &Ray, t_max: f32) -> Op
             shape::RECTANGLE => edge(Vec3::X).min(edge(Vec3::Y)),
             _ => 0.0,
         };
-        passed(instance, None, scene.transform_point(matrix, Vec3::ZERO), size)
+        passed(instance, None, scene.transform_point(matrix, Vec3::ZERO), (REACH, size))
     };
     (0..frame.emitter_count).filter_map(of_emitter).min_by(nearer)
 }
@@ -95,7 +97,14 @@ pub fn at(packed: &PackedScene, frame: &Frame, px: UVec2) -> Option<Picked> {
         let corner = |i: usize| Vec3::from_slice(&packed.triangles[triangle as usize * 9 + 3 * i..]);
         [corner(0), corner(1), corner(2)]
     };
-    if let Some(near) = light_near(frame, &scene, &ray, hit.t) {
+    let emits = |hit: &Hit| {
+        let material = scene.material_of(frame, hit.instance, hit.triangle);
+        scene.material_rgb(material, material_record::EMISSION).max_element() > 0.0
+    };
+    let is_light = !hit.is_miss() && emits(&hit);
+    // What is seen goes before one of many that are not.
+    let near = light_near(frame, &scene, &ray, hit.t).filter(|near| near.triangle.is_none() || !is_light);
+    if let Some(near) = near {
         return Some(Picked {
             position: ray.origin + ray.direction * near.along + packed.origin,
             instance: packed.scene_instance(near.instance)?,
@@ -106,12 +115,11 @@ pub fn at(packed: &PackedScene, frame: &Frame, px: UVec2) -> Option<Picked> {
     if hit.is_miss() {
         return None;
     }
-    let material = scene.material_of(frame, hit.instance, hit.triangle);
     Some(Picked {
         position: ray.origin + ray.direction * hit.t + packed.origin,
         instance: packed.scene_instance(hit.instance)?,
         corners_object: corners_of(hit.triangle),
-        emits: scene.material_rgb(material, material_record::EMISSION).max_element() > 0.0,
+        emits: is_light,
     })
 }
 

@@ -3,7 +3,7 @@
 use std::{
     collections::BTreeMap,
     ops::Range,
-    sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc},
+    sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, mpsc},
 };
 
 use weir_shader::wiring::Access;
@@ -26,6 +26,8 @@ pub struct GpuScene {
     buffers: BTreeMap<&'static str, (wgpu::Buffer, u64)>,
     /// Once rays were to go by queries: what these need, or why they can't have it.
     acceleration: Arc<Mutex<Option<Result<Acceleration, String>>>>,
+    /// Why the driver has refused ray queries themselves, if it has.
+    refused: Arc<OnceLock<String>>,
 }
 
 impl GpuScene {
@@ -46,7 +48,7 @@ impl GpuScene {
             gpu.check()?;
             buffers.insert(name, (buffer, bytes.len() as u64));
         }
-        Ok(Self { buffers, acceleration: Arc::default() })
+        Ok(Self { buffers, acceleration: Arc::default(), refused: Arc::default() })
     }
 
     /// Builds what ray queries need, once, if rays are to go by them; says in a warning if that is asked for in vain.
@@ -75,6 +77,9 @@ impl GpuScene {
 
     /// How rays are traced in this scene.
     pub fn traced(&self, gpu: &Gpu, traversal: Traversal) -> Traced {
+        if let Some(why) = self.refused.get().filter(|_| traversal != Traversal::Software) {
+            return Traced::Software(why.clone());
+        }
         match (gpu.facts.traced(traversal), &*self.acceleration()) {
             (Traced::Hardware, Some(Err(why))) => Traced::Software(why.clone()),
             (Traced::Hardware, None) => Traced::Software("no acceleration structures were built".to_owned()),
@@ -82,9 +87,9 @@ impl GpuScene {
         }
     }
 
-    /// Gives up ray queries, with the reason.
-    pub(super) fn decelerate(&self, why: String) {
-        *self.acceleration() = Some(Err(why));
+    /// No executor to come goes by ray queries, for this reason; those that do so already go on.
+    pub(super) fn refuse(&self, why: &str) {
+        self.refused.get_or_init(|| why.to_owned());
     }
 
     pub(super) fn acceleration(&self) -> MutexGuard<'_, Option<Result<Acceleration, String>>> {
@@ -94,7 +99,7 @@ impl GpuScene {
     /// Copies what has changed of the scene, and brings acceleration structures up to date; the next frame sees it.
     ///
     /// # Errors
-    /// As [`GpuScene::update`].
+    /// If a change is not within its buffer or not in whole words, or if the device fails.
     pub async fn follow(&self, gpu: &Gpu, scene: SceneBuffers<'_>, changed: &[Changed]) -> Result<(), GpuError> {
         for Changed { buffer, range } in changed {
             self.update(gpu, buffer, range.start as u64, &scene.bytes(buffer)[range.clone()])?;
@@ -115,7 +120,7 @@ impl GpuScene {
     ///
     /// # Errors
     /// If that is not within the buffer or not in whole words, or if the device fails.
-    pub fn update(&self, gpu: &Gpu, name: &str, offset: u64, bytes: &[u8]) -> Result<(), GpuError> {
+    fn update(&self, gpu: &Gpu, name: &str, offset: u64, bytes: &[u8]) -> Result<(), GpuError> {
         let (buffer, size) = self.buffers.get(name).map_or((None, 0), |(buffer, size)| (Some(buffer), *size));
         let end = offset.saturating_add(bytes.len() as u64);
         match buffer {

@@ -198,6 +198,8 @@ impl Acceleration {
             if self.built[block].as_ref() == Some(&placed) {
                 continue;
             }
+            // Until it is built: what is there is neither the one nor the other.
+            self.built[block] = None;
             let Self { meshes, tops, .. } = self;
             let top = &mut tops[block];
             let capacity = top.get().len();
