@@ -585,6 +585,7 @@ impl Plan {
             Feature::ENVIRONMENT => ("code: other lights", "all that emits is triangles"),
             Feature::INSTANCES => ("code: instances", "there is one, in place"),
             Feature::SPECULAR => ("code: gloss", "every material is Lambert's"),
+            Feature::CLOSED_FORM => ("code: closed forms", "light has none here, or is to be sampled everywhere"),
         });
         let others = code.chain(self.facts.spared.iter().copied());
         steps.chain(others.map(|(what, why)| (what, why.to_owned()))).collect()

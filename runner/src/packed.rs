@@ -1,5 +1,6 @@
 //! Scenes packed for the passes: a few flat buffers, by the layouts of [`weir_shared::scene`].
 
+mod closed_form;
 mod content;
 mod geometry;
 mod light_cuts;
@@ -28,6 +29,7 @@ use crate::{
     exit::{Exit, HasExit},
     scene::{DistantLight, Environment, Material, Scene},
     settings::Settings,
+    skips::Rule,
 };
 pub use content::Content;
 use geometry::PackedMesh;
@@ -111,19 +113,26 @@ pub struct PackOptions {
     pub light_tree: bool,
     /// Candidates may come from cuts, see [`weir_shared::light_cuts`].
     pub light_cuts: bool,
+    /// Where light has a closed form, it is not sampled, see [`weir_shared::closed_form`].
+    pub closed_form: bool,
 }
 
 impl Default for PackOptions {
-    /// All that the default settings may need, and no motion but the scene's own.
+    /// All that sampling with the default settings may need, and no motion but the scene's own. Light is sampled everywhere.
     fn default() -> Self {
-        Self { dynamic: false, light_tree: true, light_cuts: false }
+        Self { dynamic: false, light_tree: true, light_cuts: false, closed_form: false }
     }
 }
 
 impl PackOptions {
     /// What frames with these settings need.
     pub fn of(settings: &Settings) -> Self {
-        Self { dynamic: false, light_tree: settings.needs_tree(), light_cuts: settings.source == source::CUTS }
+        Self {
+            dynamic: false,
+            light_tree: settings.needs_tree(),
+            light_cuts: settings.source == source::CUTS,
+            closed_form: settings.skips.is_on(Rule::ClosedForm),
+        }
     }
 }
 
@@ -331,6 +340,9 @@ impl PackedScene {
         };
         packed.show(moment)?;
         packed.content = packed.content_of(scene);
+        if options.closed_form && packed.content.may_have_closed_form() {
+            packed.find_closed_forms(moment);
+        }
         // wgpu and the kernels want no empty buffers.
         packed.triangles.resize(packed.triangles.len().max(9), 0.0);
         packed.texels.resize(packed.texels.len().max(4), 0);

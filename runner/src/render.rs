@@ -225,6 +225,7 @@ fn spared(packed: &PackedScene, settings: &Settings) -> Vec<(&'static str, &'sta
             "drawing lights",
             "each of the few is a candidate",
         ),
+        (content.closed_form, Rule::ClosedForm, "sampling", "where light has a closed form"),
         (content.emitters && !settings.needs_tree(), Rule::Trees, "light trees", "no candidate comes down one"),
         (!packed.moves(), Rule::Updates, "updates", "nothing moves by itself"),
         (!settings.jitter, Rule::Primary, "camera rays", "of frames that see what the last two have seen"),

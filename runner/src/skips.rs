@@ -1,6 +1,6 @@
 //! Rules by which work is left out that a scene or its settings have no use for.
 //!
-//! [`Rule::Few`] and [`Rule::Presampling`] change which lights are drawn, but not the mean of pictures. None of the others
+//! [`Rule::Few`], [`Rule::Presampling`] and [`Rule::ClosedForm`] change which lights are drawn, but not the mean of pictures. None of the others
 //! changes a picture by a bit, but for one: without [`Rule::Updates`], reuse in time finds where a surface was by way of the
 //! space of its instance, and rounds twice on the way, so that a neighbour can be another one. Each can be switched off by
 //! `--set skip.NAME=off`; tests and `weir graph --costs` compare what comes out.
@@ -13,13 +13,14 @@ use weir_shared::frame::skip;
 pub use costs::{Cost, costs};
 
 /// All features of passes.
-pub const FEATURES: [Feature; 6] = [
+pub const FEATURES: [Feature; 7] = [
     Feature::TEXTURES,
     Feature::MASKS,
     Feature::EMISSION_IMAGES,
     Feature::ENVIRONMENT,
     Feature::INSTANCES,
     Feature::SPECULAR,
+    Feature::CLOSED_FORM,
 ];
 
 /// A reason to leave work out.
@@ -46,6 +47,8 @@ pub enum Rule {
     /// Drawing lights ahead in tiles, where there are no more lights than a tile has records. Changes what is drawn, not its
     /// mean.
     Presampling,
+    /// Sampling, where light has a closed form. Changes what is drawn, not its mean.
+    ClosedForm,
     /// Shadow rays to samples that are known to be visible.
     Known,
     /// Candidates and rays by the BSDF, where a surface reflects nothing.
@@ -62,7 +65,7 @@ pub enum Rule {
 
 impl Rule {
     /// All of them.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::Absent,
         Self::Unread,
         Self::Textures,
@@ -73,6 +76,7 @@ impl Rule {
         Self::Specular,
         Self::Few,
         Self::Presampling,
+        Self::ClosedForm,
         Self::Known,
         Self::Black,
         Self::Unlit,
@@ -94,6 +98,7 @@ impl Rule {
             Self::Specular => "specular",
             Self::Few => "few",
             Self::Presampling => "presampling",
+            Self::ClosedForm => "closed_form",
             Self::Known => "known",
             Self::Black => "black",
             Self::Unlit => "unlit",
@@ -105,10 +110,11 @@ impl Rule {
 
     /// Whether it changes what is drawn, and with it pictures but not their mean.
     pub fn changes_draws(self) -> bool {
-        matches!(self, Self::Few | Self::Presampling)
+        matches!(self, Self::Few | Self::Presampling | Self::ClosedForm)
     }
 
-    /// The rule that leaves a feature out of the code of passes.
+    /// The rule that leaves a feature out of the code of passes; for closed forms, which are code that spares work elsewhere,
+    /// the rule that puts it in.
     pub fn of(feature: Feature) -> Self {
         match feature {
             Feature::TEXTURES => Self::Textures,
@@ -117,6 +123,7 @@ impl Rule {
             Feature::ENVIRONMENT => Self::Environment,
             Feature::INSTANCES => Self::Instances,
             Feature::SPECULAR => Self::Specular,
+            Feature::CLOSED_FORM => Self::ClosedForm,
         }
     }
 }
@@ -158,7 +165,10 @@ impl Skips {
 
     /// Features that passes are compiled with, of a scene that has `present`.
     pub fn features(self, present: &[Feature]) -> Vec<Feature> {
-        let is_in = |feature: &Feature| present.contains(feature) || !self.is_on(Rule::of(*feature));
+        let is_in = |feature: &Feature| match feature {
+            Feature::CLOSED_FORM => present.contains(feature) && self.is_on(Rule::ClosedForm),
+            _ => present.contains(feature) || !self.is_on(Rule::of(*feature)),
+        };
         FEATURES.into_iter().filter(is_in).collect()
     }
 }

@@ -26,7 +26,7 @@ pub fn bsdf_rays<const MASKS: bool, const ENVIRONMENT: bool, const INSTANCES: bo
     surfaces: &[Surface],
 ) -> Reservoir {
     let surface = load(surfaces, frame.index_of(px));
-    if surface.is_sky() || (surface.is_black() && frame.skips(skip::BLACK)) {
+    if surface.is_settled() || (surface.is_black() && frame.skips(skip::BLACK)) {
         return Reservoir::EMPTY;
     }
     let bsdf = Domain::new(frame.camera_origin, &surface).bsdf;

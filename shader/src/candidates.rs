@@ -428,7 +428,7 @@ pub fn candidates<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SP
     presampled: &[LightRecord],
 ) -> Reservoir {
     let surface = load(surfaces, frame.index_of(px));
-    if surface.is_sky() {
+    if surface.is_settled() {
         return Reservoir::EMPTY;
     }
     if surface.is_black() && frame.skips(skip::BLACK) {
@@ -469,7 +469,7 @@ pub fn resident<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPEC
 ) -> Candidate {
     let surface = load(surfaces, frame.index_of(px));
     let mut candidate = Candidate::NONE;
-    if surface.is_sky() || (surface.is_black() && frame.skips(skip::BLACK)) {
+    if surface.is_settled() || (surface.is_black() && frame.skips(skip::BLACK)) {
         return candidate;
     }
     let count = frame.candidates_in_memory();

@@ -24,7 +24,7 @@ pub mod temporal;
 pub mod visibility;
 
 passes! {
-    pixel primary[TEXTURES ENVIRONMENT INSTANCES](scene, rays) -> (surfaces: [Surface], emitted: [Vec4])
+    pixel primary[TEXTURES ENVIRONMENT INSTANCES CLOSED_FORM](scene, rays) -> (surfaces: [Surface], emitted: [Vec4])
         = primary::primary;
     reservoir bsdf_rays[MASKS ENVIRONMENT INSTANCES](scene, rays, surfaces: [Surface])
         -> (bsdf_hits: [Reservoir]) = bsdf_rays::bsdf_rays;

@@ -2,13 +2,15 @@
 
 use glam::{UVec2, Vec4};
 use weir_shared::{
-    camera::camera_ray, environment, frame::Frame, scene::Scene, surface::Surface, surface::surface_at, trace::Tracer,
+    camera::camera_ray, closed_form, environment, frame::Frame, scene::Scene, surface::Surface, surface::surface_at,
+    trace::Tracer,
 };
 
 /// The surface of a pixel, and the radiance that it emits toward the camera (in w: 1; 0 for sky).
 ///
-/// One ray. Sky: the zero surface, and the radiance of the environment.
-pub fn primary<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
+/// One ray. Sky: the zero surface, and the radiance of the environment. Where what the surface reflects has a closed form,
+/// the radiance includes it, and the surface is settled: the passes that follow sample no light for it.
+pub fn primary<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES: bool, const CLOSED_FORM: bool>(
     px: UVec2,
     frame: &Frame,
     scene: &Scene,
@@ -21,5 +23,11 @@ pub fn primary<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES: b
         return (Surface::default(), sky);
     }
     let found = surface_at::<TEXTURES>(frame, scene, &hit, ray.direction);
+    if CLOSED_FORM {
+        let reflected = closed_form::reflected(frame, scene, &hit, &found);
+        if reflected.is_known {
+            return (found.surface.settled(), (found.emitted + reflected.radiance).extend(1.0));
+        }
+    }
     (found.surface, found.emitted.extend(1.0))
 }

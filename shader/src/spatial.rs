@@ -156,7 +156,7 @@ fn merged<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULAR: 
     merging: &[Reservoir],
 ) -> (Reservoir, Vec4) {
     let surface = load(surfaces, frame.index_of(px));
-    if surface.is_sky() {
+    if surface.is_settled() {
         return (Reservoir::EMPTY, Vec4::ZERO);
     }
     let own = load(own, frame.index_of_reservoir(px, reservoir));
@@ -187,7 +187,7 @@ pub fn rays<const MASKS: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
 ) -> Reservoir {
     let surface = load(surfaces, frame.index_of(px));
     let mut own = load(merging, frame.index_of_reservoir(px, reservoir));
-    if surface.is_sky() {
+    if surface.is_settled() {
         return own;
     }
     let neighbors = find_present(px, reservoir, frame, &surface, surfaces, own.confidence());

@@ -215,7 +215,7 @@ fn merged<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULAR: 
     prev_reservoirs: &[Reservoir],
 ) -> (Reservoir, Vec4) {
     let surface = load(surfaces, frame.index_of(px));
-    if surface.is_sky() {
+    if surface.is_settled() {
         return (Reservoir::EMPTY, Vec4::ZERO);
     }
     let own = load(fresh, frame.index_of_reservoir(px, reservoir));
@@ -257,7 +257,7 @@ pub fn rays<const MASKS: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
 ) -> Reservoir {
     let surface = load(surfaces, frame.index_of(px));
     let mut own = load(fresh, frame.index_of_reservoir(px, reservoir));
-    if surface.is_sky() {
+    if surface.is_settled() {
         return own;
     }
     let neighbors = find_past(px, reservoir, frame, prev_frame, scene, &surface, prev_surfaces);

@@ -117,6 +117,24 @@ macro_rules! passes {
         $crate::passes!{ @$kind oxx $f [false, true, true] $i $o }
         $crate::passes!{ @$kind xxx $f [true, true, true] $i $o }
     };
+    (@variants $kind:ident $f:tt [$a:ident $b:ident $c:ident $d:ident] $i:tt $o:tt) => {
+        $crate::passes!{ @$kind oooo $f [false, false, false, false] $i $o }
+        $crate::passes!{ @$kind xooo $f [true, false, false, false] $i $o }
+        $crate::passes!{ @$kind oxoo $f [false, true, false, false] $i $o }
+        $crate::passes!{ @$kind xxoo $f [true, true, false, false] $i $o }
+        $crate::passes!{ @$kind ooxo $f [false, false, true, false] $i $o }
+        $crate::passes!{ @$kind xoxo $f [true, false, true, false] $i $o }
+        $crate::passes!{ @$kind oxxo $f [false, true, true, false] $i $o }
+        $crate::passes!{ @$kind xxxo $f [true, true, true, false] $i $o }
+        $crate::passes!{ @$kind ooox $f [false, false, false, true] $i $o }
+        $crate::passes!{ @$kind xoox $f [true, false, false, true] $i $o }
+        $crate::passes!{ @$kind oxox $f [false, true, false, true] $i $o }
+        $crate::passes!{ @$kind xxox $f [true, true, false, true] $i $o }
+        $crate::passes!{ @$kind ooxx $f [false, false, true, true] $i $o }
+        $crate::passes!{ @$kind xoxx $f [true, false, true, true] $i $o }
+        $crate::passes!{ @$kind oxxx $f [false, true, true, true] $i $o }
+        $crate::passes!{ @$kind xxxx $f [true, true, true, true] $i $o }
+    };
     (@table $name:ident []) => { &[$crate::passes!(@row $name main)] };
     (@table $name:ident [$a:ident $b:ident]) => {
         &[
@@ -130,6 +148,18 @@ macro_rules! passes {
             $crate::passes!(@row $name oxo), $crate::passes!(@row $name xxo),
             $crate::passes!(@row $name oox), $crate::passes!(@row $name xox),
             $crate::passes!(@row $name oxx), $crate::passes!(@row $name xxx),
+        ]
+    };
+    (@table $name:ident [$a:ident $b:ident $c:ident $d:ident]) => {
+        &[
+            $crate::passes!(@row $name oooo), $crate::passes!(@row $name xooo),
+            $crate::passes!(@row $name oxoo), $crate::passes!(@row $name xxoo),
+            $crate::passes!(@row $name ooxo), $crate::passes!(@row $name xoxo),
+            $crate::passes!(@row $name oxxo), $crate::passes!(@row $name xxxo),
+            $crate::passes!(@row $name ooox), $crate::passes!(@row $name xoox),
+            $crate::passes!(@row $name oxox), $crate::passes!(@row $name xxox),
+            $crate::passes!(@row $name ooxx), $crate::passes!(@row $name xoxx),
+            $crate::passes!(@row $name oxxx), $crate::passes!(@row $name xxxx),
         ]
     };
     (@row $name:ident $variant:ident) => {
@@ -403,6 +433,8 @@ mod host {
         INSTANCES,
         /// Some material has a specular lobe.
         SPECULAR,
+        /// There are surfaces whose light may have a closed form, see [`weir_shared::closed_form`].
+        CLOSED_FORM,
     }
 
     /// How many elements a pass computes, and a buffer has.

@@ -11,6 +11,7 @@ pub mod alias;
 pub mod bsdf;
 pub mod bvh;
 pub mod camera;
+pub mod closed_form;
 pub mod environment;
 pub mod fault;
 pub mod frame;

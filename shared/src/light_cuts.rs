@@ -441,7 +441,7 @@ pub fn cut_record(at: UVec2, frame: &Frame, scene: &Scene, lights: &[u32], surfa
         let px = UVec2::new((block.x << 3) + (place & 7), (block.y << 3) + (place >> 3));
         if px.x < frame.width && px.y < frame.height {
             let surface = load(surfaces, frame.index_of(px));
-            if !surface.is_sky() {
+            if !surface.is_settled() {
                 (position, normal, has_surface) = (surface.position(), surface.normal_shading(), true);
             }
         }

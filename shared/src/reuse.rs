@@ -166,7 +166,7 @@ impl Site {
         let normal = octahedral::unpack_direction(surface.normal_geometric);
         let along = self.normal.dot(normal);
         let limit = frame.normal_cosine * abs(frame.normal_cosine) * normal.length_squared();
-        !surface.is_sky()
+        !surface.is_settled()
             && along * abs(along) >= limit
             && abs(self.normal.dot(surface.position() - self.position)) <= frame.plane_tolerance * self.distance
             && abs(self.roughness - surface.roughness()) <= frame.roughness_tolerance
@@ -360,7 +360,7 @@ pub fn find_past(
     prev_surfaces: &[Surface],
 ) -> Neighbors {
     let mut past = Neighbors::around(px);
-    if frame.has_history == 0 || surface.is_sky() {
+    if frame.has_history == 0 || surface.is_settled() {
         return past;
     }
     let (_, position) = previous_position(frame, prev_frame, scene, surface);
@@ -400,7 +400,7 @@ pub fn find_present(
     confidence: u32,
 ) -> Neighbors {
     let mut neighbors = Neighbors::around(px);
-    if surface.is_sky() {
+    if surface.is_settled() {
         return neighbors;
     }
     let site = Site::new(surface, surface.position(), frame.camera_origin);

@@ -55,8 +55,11 @@ pub mod instance_record {
     pub const LIGHT_TREE_AT: u32 = 36;
     /// Where the tree for cuts of the mesh starts in `lights`, or [`crate::light_tree::NO_TREE`].
     pub const LIGHT_CUTS_AT: u32 = 37;
+    /// Where the trees over its triangles start in `records` that tell where light has a closed form, or
+    /// [`crate::closed_form::NO_TREES`].
+    pub const CLOSED_FORM_AT: u32 = 38;
     /// Words in all.
-    pub const WORDS: u32 = 38;
+    pub const WORDS: u32 = 39;
 }
 
 /// What an instance says of itself, and which attributes its mesh has beside a material for each triangle.

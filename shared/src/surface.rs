@@ -31,19 +31,32 @@ pub struct Surface {
     pub specular_b_roughness: u32,
     /// Albedo of the diffuse lobe, linear Rec. 709.
     pub diffuse: [f32; 3],
-    /// Bit 31: there is a surface. Below: the instance.
+    /// Bit 31: there is a surface. Bit 30: what it reflects is known, see [`crate::closed_form`]. Below: the instance.
     pub instance: u32,
 }
 
 const _: () = assert!(size_of::<Surface>() == 48 && offset_of!(Surface, diffuse) == 32);
 
 const PRESENT: u32 = 0x8000_0000;
+const SETTLED: u32 = 0x4000_0000;
 
 impl Surface {
     /// Whether the pixel sees no surface.
     #[inline(always)]
     pub fn is_sky(&self) -> bool {
         self.instance & PRESENT == 0
+    }
+
+    /// Whether no light is to be sampled for the pixel: it sees the sky, or what the surface reflects is known.
+    #[inline(always)]
+    pub fn is_settled(&self) -> bool {
+        self.instance & (PRESENT | SETTLED) != PRESENT
+    }
+
+    /// The same surface, of which it is known what it reflects.
+    #[inline(always)]
+    pub fn settled(self) -> Self {
+        Self { instance: self.instance | SETTLED, ..self }
     }
 
     /// Whether the surface reflects nothing, from wherever it is lit.
@@ -56,7 +69,7 @@ impl Surface {
     /// The instance that the surface is part of.
     #[inline(always)]
     pub fn instance(&self) -> u32 {
-        self.instance & !PRESENT
+        self.instance & !(PRESENT | SETTLED)
     }
 
     /// World space, in scene units.
@@ -107,6 +120,8 @@ pub struct Found {
     pub surface: Surface,
     /// Emitted radiance toward the ray's origin.
     pub emitted: Vec3,
+    /// Whether the ray has found the front face.
+    pub is_front: bool,
 }
 
 /// The surface at a hit of a ray with the given direction. `hit` must not be a miss.
@@ -159,5 +174,6 @@ pub fn surface_at<const TEXTURES: bool>(frame: &Frame, scene: &Scene, hit: &Hit,
             instance: hit.instance | PRESENT,
         },
         emitted: if faces_camera || two_sided { emission } else { Vec3::ZERO },
+        is_front: faces_camera,
     }
 }

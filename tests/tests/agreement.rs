@@ -104,7 +104,7 @@ impl Case {
 
 /// The box without reuse.
 fn plain_case() -> Case {
-    Case::new(&scenes::cornell(), Technique::Candidates, &["candidates.count=4"])
+    Case::new(&scenes::cornell(), Technique::Candidates, &["candidates.count=4", "skip.closed_form=off"])
 }
 
 /// Every pass, and every knob that changes what one computes, at least once.
@@ -118,6 +118,7 @@ fn cases() -> Vec<Case> {
             Technique::RealTime,
             &["rays=quality", "shade.sum=off", "rays.traversal=software"],
         ),
+        Case::new(&scenes::cornell(), Technique::RealTime, &["rays=quality", "skip.closed_form=off"]),
         Case::new(&scenes::studio(), Technique::RealTime, &["rays=quality", "rays.traversal=hardware"]),
         Case::new(&scenes::studio(), Technique::Still, &["candidates.source=tiles", "skip.presampling=off"]),
         Case::new(&scenes::studio(), Technique::RealTime, &["candidates.source=cells", "candidates.count=2"]),

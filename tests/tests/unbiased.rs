@@ -74,7 +74,9 @@ fn passes(scene: &Scene, samples: u32, seed: u32, knobs: &[&str]) -> Rendered {
 }
 
 fn passes_of(technique: Technique, scene: &Scene, samples: u32, seed: u32, knobs: &[&str]) -> Rendered {
-    let request = Request { technique, ..request(scene, samples, seed, knobs) };
+    // Sampled everywhere, unless the knobs want it otherwise.
+    let knobs = [&["skip.closed_form=off"], knobs].concat();
+    let request = Request { technique, ..request(scene, samples, seed, &knobs) };
     let options = PackOptions::of(&request.settings);
     let packed = PackedScene::with(scene, &Moment::default(), options).expect("packs");
     render(&packed, &request, &Backend::Cpu(Order::default()), |_| true).expect("renders")
@@ -126,6 +128,7 @@ fn resampled_candidates_have_the_mean_of_the_reference() {
             &["candidates.count=32"],
             &["candidates.count=32", "skip.few=off"],
             &["candidates.count=1", "candidates.source=tiles", "candidates.bsdf=0"],
+            &["skip.closed_form=on"],
         ] {
             let result = passes(&scene, samples, 1, knobs);
             match compare(&result, &judge) {
@@ -154,6 +157,7 @@ fn a_lamp_with_a_hole_in_its_mask_shines_as_what_is_left_of_it() {
         check(&knobs.join(", "), &passes(&masked, samples, 1, &knobs));
     }
     check("reuse", &passes_of(Technique::Still, &masked, samples, 1, &[]));
+    check("no closed form", &passes_of(Technique::Still, &masked, samples, 1, &["skip.closed_form=on"]));
     let whole = passes(&lamp_above_a_floor(Lamp::Whole), samples, 1, &[]);
     assert!(compare(&whole, &judge).is_err(), "half of the light went unnoticed");
 }
@@ -200,9 +204,11 @@ fn a_light_that_is_one_percent_brighter_is_caught() {
     let judge = reference(&cornell(), 512);
     let mut brighter = cornell();
     brighter.materials.iter_mut().for_each(|m| m.emission *= 1.01);
-    let verdict = compare(&passes(&brighter, 512, 1, &[]), &judge);
-    println!("{verdict:?}");
-    assert!(verdict.is_err(), "1 % more light went unnoticed");
+    for rule in ["off", "on"] {
+        let verdict = compare(&passes(&brighter, 512, 1, &[&format!("skip.closed_form={rule}")]), &judge);
+        println!("{verdict:?}");
+        assert!(verdict.is_err(), "1 % more light went unnoticed, skip.closed_form={rule}");
+    }
 }
 
 /// Each kind of light in turn: without it the picture is another one.

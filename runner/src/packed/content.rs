@@ -33,6 +33,8 @@ pub struct Content {
     pub light_tree: bool,
     /// Trees for cuts.
     pub light_cuts: bool,
+    /// Surfaces whose light has a closed form, as far as was looked for any.
+    pub closed_form: bool,
     /// Triangles and shapes that emit, over all instances there may be.
     pub lights: u64,
 }
@@ -64,6 +66,7 @@ impl Content {
             (Feature::ENVIRONMENT, self.distant || self.shapes),
             (Feature::INSTANCES, self.instances),
             (Feature::SPECULAR, self.gloss),
+            (Feature::CLOSED_FORM, self.closed_form),
         ];
         all.into_iter().filter(|(_, has)| *has).map(|(feature, _)| feature).collect()
     }
@@ -76,6 +79,11 @@ impl Content {
             (Need::LightCuts, self.light_cuts),
         ];
         all.into_iter().filter(|(_, has)| *has).map(|(need, _)| need).collect()
+    }
+
+    /// Whether light may have a closed form: of emissive triangles without images, where nothing moves.
+    pub(super) fn may_have_closed_form(&self) -> bool {
+        self.emitters && !self.distant && !self.shapes && !self.emission_images && !self.motion
     }
 
     /// Whether there is light of any kind.

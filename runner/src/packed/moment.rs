@@ -8,11 +8,12 @@ use std::{collections::HashMap, ops::Range, time::Instant};
 use glam::{Mat4, Vec3};
 use weir_shared::{
     alias,
+    closed_form::NO_TREES,
     scene::{NO_INSTANCE, attribute_flags, emitter_record, instance_record},
 };
 
 use super::{
-    Changed, PackError, PackOptions, PackedScene,
+    Changed, PackError, PackOptions, PackedScene, closed_form,
     geometry::PackedMesh,
     light_cuts,
     light_tree::{self, LightBounds},
@@ -130,8 +131,17 @@ pub(super) struct Dynamics {
     tree_words: usize,
     /// Whether that tree is of the moment shown.
     is_tree_current: bool,
+    /// Where light has a closed form.
+    closed_form: Option<ClosedForm>,
     pub(super) is_dynamic: bool,
     pub(super) has_lights: bool,
+}
+
+/// Where light has a closed form, at one moment.
+struct ClosedForm {
+    moment: Moment,
+    /// Where the trees of each instance that is drawn start in `records`.
+    starts: Vec<u32>,
 }
 
 impl Dynamics {
@@ -152,6 +162,7 @@ impl Dynamics {
             drawn: Vec::new(),
             tree_words: 0,
             is_tree_current: false,
+            closed_form: None,
             is_dynamic,
             has_lights,
         }
@@ -230,6 +241,9 @@ impl PackedScene {
         let words = instance_record::WORDS as usize;
 
         let emission_of: HashMap<u32, Vec3> = moment.emission.iter().copied().collect();
+        // Of a scene that stands still, whatever the time.
+        let is_known = |known: &&ClosedForm| known.moment == Moment { time_s: known.moment.time_s, ..moment.clone() };
+        let closed_form = self.dynamics.closed_form.as_ref().filter(is_known).map(|known| known.starts.clone());
         let mut first_light = 0;
         let mut is_found_alike = self.dynamics.shown.is_some() && drawn == self.dynamics.drawn;
         let block_before = self.dynamics.half * capacity.record_words();
@@ -259,6 +273,8 @@ impl PackedScene {
             record[instance_record::COUNTERPART as usize] = NO_INSTANCE;
             record[instance_record::LIGHT_TREE_AT as usize] = start.light_tree_at;
             record[instance_record::LIGHT_CUTS_AT as usize] = start.light_cuts_at;
+            record[instance_record::CLOSED_FORM_AT as usize] =
+                closed_form.as_ref().map_or(NO_TREES, |starts| starts[slot]);
             if self.dynamics.top.is_found(instance) && is_found_alike {
                 let of = |block: usize, words: Range<u32>| {
                     let at = block + slot * instance_record::WORDS as usize;
@@ -349,6 +365,23 @@ impl PackedScene {
         self.dynamics.shown = Some(moment.clone());
         self.dynamics.drawn = drawn;
         Ok(())
+    }
+
+    /// Finds out where light has a closed form, of what is shown.
+    pub(super) fn find_closed_forms(&mut self, moment: &Moment) {
+        let triangles_of = |&instance: &u32| self.meshes[self.dynamics.top.mesh(instance) as usize].count;
+        let triangles_of: Vec<u32> = self.dynamics.drawn.iter().map(triangles_of).collect();
+        let view =
+            weir_shared::scene::Scene { triangles: &self.triangles, records: &self.records, texels: &self.texels };
+        let start = self.records.len() as u32;
+        let Some(found) = closed_form::build(&self.frame, &view, &triangles_of, start) else { return };
+        self.records.extend(found.words);
+        for (slot, start) in found.starts.iter().enumerate() {
+            let at = self.frame.instances_at as usize + slot * instance_record::WORDS as usize;
+            self.records[at + instance_record::CLOSED_FORM_AT as usize] = *start;
+        }
+        self.dynamics.closed_form = Some(ClosedForm { moment: moment.clone(), starts: found.starts });
+        self.content.closed_form = true;
     }
 
     /// Tells every instance of both blocks which one it is in the other.

@@ -508,6 +508,11 @@ pub const KNOBS: &[Knob] = &[
         Presampling,
         "tiles, where there are no more lights than a tile has records: they are drawn by power then"
     ),
+    skip!(
+        "closed_form",
+        ClosedForm,
+        "sampling, where each of few lights is seen whole or not at all by a matte surface"
+    ),
     skip!("known", Known, "shadow rays to samples that are known to be visible"),
     skip!("black", Black, "candidates and rays by the BSDF, where a surface reflects nothing"),
     skip!("unlit", Unlit, "shadow rays of reuse to lights that face away, or that the surface faces away from"),

@@ -89,14 +89,18 @@ fn no_rule_changes_a_picture_by_a_bit_but_those_that_draw_otherwise() {
             let found = costs(&scene, &request, &Backend::Cpu(Order::default()), 1).expect("frames");
             assert_eq!(found.len(), Rule::ALL.len() + 3);
             for Cost { skips, different, .. } in &found {
-                let draws_apart = [Rule::Few, Rule::Presampling].iter().filter(|rule| skips.is_on(**rule)).count();
+                let draws_apart =
+                    Rule::ALL.into_iter().filter(|rule| rule.changes_draws() && skips.is_on(*rule)).count();
                 let is_compared = draws_apart != 1 && *skips != found[found.len() - 2].skips;
                 assert_eq!(*different, is_compared.then_some(0), "{name}, {technique}, {knobs:?}: {skips:?}");
             }
             let [none, .., all] = found.as_slice() else { unreachable!("more than two") };
             // What is kept from frame to frame has memory of its own.
             assert!(all.frame_bytes <= none.frame_bytes + 33 * 20 * 64, "{name}: {all:?} {none:?}");
-            assert!(all.scene_bytes <= none.scene_bytes, "{name}: {all:?} {none:?}");
+            // Trees that tell where light has a closed form are memory that spares time.
+            let of_trees = found.iter().find(|cost| cost.skips == Skips::none().with(Rule::ClosedForm, true));
+            let more = of_trees.map_or(0, |cost| cost.scene_bytes - none.scene_bytes);
+            assert!(all.scene_bytes <= none.scene_bytes + more, "{name}: {all:?} {none:?}");
         }
     }
 }
@@ -117,7 +121,7 @@ fn every_rule_for_passes_leaves_out_what_it_says() {
     let plain = PackedScene::new(&plain, 0.0).expect("it fits");
     let with = plan_of(Skips::default(), &[], &plain);
     assert!(with.facts.features.is_empty(), "{:?}", with.facts.features);
-    for feature in FEATURES {
+    for feature in FEATURES.into_iter().filter(|feature| *feature != Feature::CLOSED_FORM) {
         let without = plan_of(Skips::default().with(Rule::of(feature), false), &[], &plain);
         assert_eq!(without.facts.features, [feature]);
         assert_eq!(without.left_out().len() + 1, with.left_out().len(), "{feature:?}");

@@ -51,7 +51,9 @@ impl<'a> Take<'a> {
 
     fn pack(&self, shot: usize) -> Result<PackedScene, RenderError> {
         let (camera, moment) = (self.shots[shot].camera, &self.shots[shot].moment);
-        let options = PackOptions { dynamic: self.is_dynamic(), ..PackOptions::of(&self.request(camera).settings) };
+        let of_settings = PackOptions::of(&self.request(camera).settings);
+        // What is put to the test is sampling, even where light has a closed form.
+        let options = PackOptions { dynamic: self.is_dynamic(), closed_form: false, ..of_settings };
         Ok(PackedScene::with(self.scene, moment, options)?)
     }
 

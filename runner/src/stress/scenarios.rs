@@ -31,6 +31,8 @@ pub struct Scenario {
     pub knobs: Vec<&'static str>,
     /// Whether instances come, go and move by more than the scene's own motion.
     is_dynamic: bool,
+    /// Whether light is not sampled where it has a closed form.
+    closed_form: bool,
 }
 
 impl Scenario {
@@ -45,7 +47,13 @@ impl Scenario {
             size: [WIDTH, HEIGHT],
             knobs: vec!["candidates.count=4", "reuse.radius=4"],
             is_dynamic,
+            closed_form: false,
         }
+    }
+
+    /// The same, where light is not sampled if it has a closed form.
+    pub fn with_closed_form(self) -> Self {
+        Self { closed_form: true, ..self }
     }
 
     /// Where nothing moves.
@@ -63,7 +71,8 @@ impl Scenario {
     /// # Panics
     /// If it does not pack, which only a bug here can cause.
     pub fn pack(&self, shot: usize) -> PackedScene {
-        let options = PackOptions { dynamic: self.is_dynamic, light_tree: true, light_cuts: true };
+        let Self { is_dynamic, closed_form, .. } = *self;
+        let options = PackOptions { dynamic: is_dynamic, light_tree: true, light_cuts: true, closed_form };
         PackedScene::with(&self.scene, &self.shots[shot].moment, options).expect("packs")
     }
 }

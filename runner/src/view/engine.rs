@@ -112,7 +112,8 @@ impl Engine {
     /// # Errors
     /// If it can't be packed or copied to the GPU.
     pub fn new(scene: Scene, gpu: Option<&Gpu>) -> Result<Self, EngineError> {
-        let packed = PackedScene::new(&scene, 0.0)?;
+        let options = PackOptions { closed_form: true, ..PackOptions::default() };
+        let packed = PackedScene::with(&scene, &Moment::default(), options)?;
         let place = place(gpu, &packed)?;
         let camera = scene.camera.unwrap_or_else(|| framing(&scene));
         let request = Request::new(camera, [1, 1], Technique::RealTime, Settings::default());
@@ -172,7 +173,8 @@ impl Engine {
         let mut scene = self.base.clone();
         lights::scatter(&mut scene, self.scattered);
         let moment = if self.dynamic { moment.clone() } else { Moment { time_s: moment.time_s, ..Moment::default() } };
-        let options = PackOptions { dynamic: self.dynamic, light_tree: true, light_cuts: self.light_cuts };
+        let options =
+            PackOptions { dynamic: self.dynamic, light_tree: true, light_cuts: self.light_cuts, closed_form: true };
         let packed = PackedScene::with(&scene, &moment, options)?;
         self.forget();
         let gpu = match &self.place {

@@ -17,6 +17,7 @@ use std::{collections::BTreeMap, sync::Mutex};
 
 use weir::{budget::FRONT, reference::Estimate, stress::scenarios, technique::Technique};
 use weir_shader::{PASSES, wiring::Pass};
+use weir_shared::surface::Surface;
 
 use chains::{Clip, judge};
 use planted::{
@@ -262,6 +263,24 @@ const CHAIN_VARIANTS: &[&[&str]] = &[
 fn every_unbiased_knob_of_the_chain_is_unbiased_where_neighbours_see_different_lights() {
     let bench = Bench::new(scenarios::half_shadowed());
     let wrong: Vec<_> = CHAIN_VARIANTS.iter().filter_map(|knobs| bench.check(Technique::RealTime, knobs)).collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// Next to pixels that are sampled lie some that are not, as their light has a closed form: neither kind lends to the other.
+#[test]
+fn pixels_whose_light_has_a_closed_form_bias_nobody() {
+    let bench = Bench::new(scenarios::half_shadowed().with_closed_form());
+    let clip = Clip::showing(&["surfaces"], &bench.scenario, PASSES, Technique::RealTime, &[]);
+    let mut share = 0.0;
+    clip.chain(1, |shown| {
+        let surfaces = shown.output::<Surface>("surfaces");
+        share = surfaces.iter().filter(|surface| surface.is_settled()).count() as f64 / surfaces.len() as f64;
+    });
+    println!("{:.0} % of the pixels are settled", share * 100.0);
+    assert!((0.1..0.9).contains(&share), "{share}");
+    let chain = [&["rays=speed"] as &[&str], &["rays=balanced", "spatial.rounds=1"], &["rays=quality"]];
+    let mut wrong: Vec<_> = chain.iter().filter_map(|knobs| bench.check(Technique::RealTime, knobs)).collect();
+    wrong.extend(bench.check(Technique::Still, &[]));
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 

@@ -211,7 +211,7 @@ fn lights_without_power_take_no_place_and_one_light_is_a_tree() {
         emission: instances.map(|i| (i, Vec3::ZERO)).collect(),
         ..Moment::default()
     };
-    let options = PackOptions { dynamic: true, light_tree: true, light_cuts: true };
+    let options = PackOptions { dynamic: true, light_tree: true, light_cuts: true, closed_form: false };
     let packed = PackedScene::with(&two_levels(false), &off(1..9), options).expect("packs");
     let block = Block::new(&packed, (Vec3::splat(9.0), Vec3::NEG_ONE.normalize()), 16);
     // Instance 0 has one light.
