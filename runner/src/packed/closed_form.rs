@@ -457,7 +457,7 @@ impl Shaft<'_> {
             }
             let step = vertex - nearest;
             let share = -nearest.dot(step) / step.length_squared();
-            if !(share > 1e-9) {
+            if share <= 1e-9 || share.is_nan() {
                 return false;
             }
             nearest += step * share.min(1.0);

@@ -46,6 +46,9 @@ fn lines(inspected: &Inspected) -> Vec<(&'static str, String)> {
             ("specular", vector(surface.specular())),
             ("roughness", format!("{:.3}", surface.roughness())),
         ]);
+        if surface.is_settled() {
+            lines.push(("light", "in closed form, not sampled".to_owned()));
+        }
     }
     lines.push(("holds", light.clone()));
     if reservoir.has_sample() {
