@@ -120,7 +120,7 @@ fn random_scene(seed: u32) -> Scene {
     scene.materials.push(Material {
         emission,
         base_color: Vec3::ZERO,
-        two_sided_emission: seed % 3 == 0,
+        two_sided_emission: seed.is_multiple_of(3),
         ..Material::default()
     });
     scene.meshes.push(quad("floor", Vec3::new(-2.0, 0.0, 2.0), Vec3::X * 4.0, Vec3::NEG_Z * 4.0, 0));
