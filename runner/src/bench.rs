@@ -86,7 +86,7 @@ impl Target {
         Self::pack(&self.scene)
     }
 
-    /// A scene, packed for any method.
+    /// A scene, packed for any method. What is measured is sampling, even where light has a closed form.
     ///
     /// # Errors
     /// As [`PackedScene::new`].

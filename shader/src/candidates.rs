@@ -400,7 +400,7 @@ fn offer_candidates<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const 
     group_fault
 }
 
-/// Offers light samples to a reservoir and keeps one; the zero reservoir for sky.
+/// Offers light samples to a reservoir and keeps one; the zero reservoir for sky and settled surfaces.
 ///
 /// The target p̂ is the mean over the colour channels of the unshadowed reflected radiance, per unit of (u, v).
 /// Techniques: emissive triangles and shapes by the scene's tables, or each once if there are no more of them than

@@ -12,7 +12,7 @@ use weir_shared::{
 };
 
 /// The reservoir, its contribution weight set to zero where something stands between surface and light. At most one
-/// ray; none for sky, for reservoirs without a sample, and where visibility is known.
+/// ray; none for sky, settled surfaces, reservoirs without a sample, and where visibility is known.
 pub fn visibility<const MASKS: bool, const ENVIRONMENT: bool, const INSTANCES: bool>(
     px: UVec2,
     reservoir: u32,

@@ -100,7 +100,7 @@ fn is_before(position: Vec3, normal: Vec3, triangle: &WorldTriangle) -> bool {
 /// plane.
 ///
 /// Source: Lambert 1760; the integral over edges as in Arvo 1995, "Analytic Methods for Simulated Light Transport",
-/// equation 4.3. The relative error is about the spacing of floats times the distance times the longest edge over the area.
+/// equation 4.3. The relative error is about the spacing of floats times distance times longest edge over area and cosine.
 #[inline(always)]
 pub fn form_factor(position: Vec3, normal: Vec3, triangle: &WorldTriangle) -> f32 {
     let (a, b, c) = (triangle.a - position, triangle.b - position, triangle.c - position);

@@ -424,7 +424,7 @@ impl Cut {
 
 /// Record `at.x` of cut `at.y`: a cluster of it.
 ///
-/// The cut is made for one pixel of the block, a random one among those that see a surface, and has as many clusters as a
+/// The cut is made for one pixel of the block, a random one among those that sample light, and has as many clusters as a
 /// row has columns, [`MOST_NODES`] at most; fewer where there are no more lights.
 #[inline(always)]
 pub fn cut_record(at: UVec2, frame: &Frame, scene: &Scene, lights: &[u32], surfaces: &[Surface]) -> LightRecord {

@@ -157,7 +157,7 @@ fn a_lamp_with_a_hole_in_its_mask_shines_as_what_is_left_of_it() {
         check(&knobs.join(", "), &passes(&masked, samples, 1, &knobs));
     }
     check("reuse", &passes_of(Technique::Still, &masked, samples, 1, &[]));
-    check("no closed form", &passes_of(Technique::Still, &masked, samples, 1, &["skip.closed_form=on"]));
+    check("a mask has no closed form", &passes_of(Technique::Still, &masked, samples, 1, &["skip.closed_form=on"]));
     let whole = passes(&lamp_above_a_floor(Lamp::Whole), samples, 1, &[]);
     assert!(compare(&whole, &judge).is_err(), "half of the light went unnoticed");
 }

@@ -7,7 +7,7 @@ use weir::{
     exit::Exit,
     packed::PackOptions,
     render::{Backend, Request, facts_of},
-    skips::{Cost, Rule, Skips, costs},
+    skips::{Cost, costs},
     technique::{ToneCurve, direct_light},
 };
 
@@ -37,7 +37,8 @@ pub fn run(arguments: &GraphArguments) -> anyhow::Result<Exit> {
         let gpu = render::choose_gpu(&arguments.backend)?;
         let backend = gpu.as_ref().map_or(Backend::Cpu(Order::default()), Backend::Gpu);
         let request = Request::new(camera, [width, height], technique, settings);
-        print(&table(&costs(&scene, &request, &backend, arguments.turns)?))?;
+        let measured = costs(&scene, &request, &backend, arguments.turns, || true)?;
+        print(&table(&measured.unwrap_or_default()))?;
     }
     Ok(Exit::Ok)
 }
@@ -48,15 +49,10 @@ fn table(costs: &[Cost]) -> String {
     let mut text =
         String::from("\nrules                        ms a frame  frame MiB  scene MiB  ms to pack  other pixels\n");
     for cost in costs {
-        let on: Vec<&str> = Rule::ALL.into_iter().filter(|rule| cost.skips.is_on(*rule)).map(Rule::name).collect();
-        let name = match on.as_slice() {
-            [] => "all off".to_owned(),
-            _ if cost.skips == Skips::default() => "all on".to_owned(),
-            names => format!("{} alone", names.join(" and ")),
-        };
         let _ = writeln!(
             text,
-            "{name:<27} {:>11.2} {:>10.2} {:>10.2} {:>11.1}  {:>12}",
+            "{:<27} {:>11.2} {:>10.2} {:>10.2} {:>11.1}  {:>12}",
+            cost.name(),
             cost.frame_ms,
             mebibytes(cost.frame_bytes),
             mebibytes(cost.scene_bytes),

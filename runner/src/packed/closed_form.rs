@@ -21,9 +21,9 @@ use weir_shared::{
 /// Most triangles of a scene that is looked into: every part of each is held against every other.
 const MOST_TRIANGLES: usize = 256;
 
-/// About how often a shaft may be held against a triangle, over all triangles by their areas: half a second of one core at
-/// most. By triangle, so that what is found does not depend on the order of threads.
-const MOST_TESTS: f64 = 1e6;
+/// How often a shaft may be held against a triangle, or a line against a polygon, over all triangles by their areas. By
+/// triangle, so that what is found does not depend on the order of threads.
+const MOST_TESTS: f64 = 4e6;
 
 /// Most splits of a triangle, and the edge of parts that are not split, as a share of the scene's diagonal.
 const MOST_SPLITS: u32 = 7;
@@ -34,6 +34,9 @@ const MOST_STEPS: u32 = 16;
 
 /// Cosines below it do not tell on which side something is, as the normals of the passes are rounded.
 const GRAZING: f64 = 1e-3;
+
+/// Most radiance of a light: so much less than the largest float that what a surface emits is lost in the rounding of that.
+const MOST_EMISSION: f32 = 1e30;
 
 /// Area of a light over its longest edge and its distance; of smaller ones the closed form has too few digits.
 const SMALLEST_LIGHT: f64 = 0.01;
@@ -66,7 +69,10 @@ struct Lamp {
     normal: DVec3,
     margin: f64,
     two_sided: bool,
-    /// Area over the longest edge.
+    /// The largest channel of its radiance.
+    emission: f32,
+    /// The longest edge, and the area over that.
+    longest: f64,
     width: f64,
 }
 
@@ -77,8 +83,8 @@ enum Sight {
     Whole,
     /// No point receives anything of it.
     Nothing,
-    /// Every point sees it, but not whole.
-    Partial,
+    /// It is to be sampled wherever in the part: every point sees it, but not whole, or it is too small or in the same plane.
+    Sampled,
     /// None of these, as far as is known, and what may be in the way.
     Unknown(Vec<u32>),
 }
@@ -109,8 +115,9 @@ pub(super) fn build(frame: &Frame, scene: &Scene, triangles_of: &[u32], start: u
     let corners = || faces.iter().flat_map(|face| face.corners);
     let low = corners().fold(DVec3::MAX, DVec3::min);
     let diagonal = low.distance(corners().fold(DVec3::MIN, DVec3::max));
-    // Where squares of lengths lose no digits in the passes.
-    if !(1e-6..1e6).contains(&diagonal) {
+    // Where squares of lengths lose no digits in the passes, and sums of light stay finite.
+    let is_dim = lamps.iter().all(|lamp| lamp.emission <= MOST_EMISSION);
+    if !(1e-6..1e6).contains(&diagonal) || !is_dim {
         return None;
     }
     let area = faces.iter().filter(|face| face.lambertian).map(Face::area).sum();
@@ -255,6 +262,8 @@ impl Lamp {
             normal: normal_of(&at),
             margin: f64::from(at.error()),
             two_sided: scene.material_word(material, material_record::TWO_SIDED) != 0,
+            emission: scene.emission(frame, place.instance, material).max_element(),
+            longest,
             width: if longest > 0.0 { area / longest } else { 0.0 },
         }
     }
@@ -316,12 +325,13 @@ impl World {
             let side = Side { face, normal, corners };
             for (sight, lamp) in sights.iter_mut().zip(&self.lamps) {
                 if let Sight::Unknown(between) = sight {
-                    let Some(left) = tests.checked_sub(between.len()) else { return Part::Leaf(0) };
-                    *tests = left;
-                    *sight = self.look(&side, lamp, between);
+                    if *tests == 0 {
+                        return Part::Leaf(bits);
+                    }
+                    *sight = self.look(&side, lamp, between, tests);
                 }
             }
-            if sights.iter().any(|sight| matches!(sight, Sight::Partial)) {
+            if sights.iter().any(|sight| matches!(sight, Sight::Sampled)) {
                 continue;
             }
             if sights.iter().any(|sight| matches!(sight, Sight::Unknown(_))) {
@@ -347,8 +357,10 @@ impl World {
         }
     }
 
-    /// What is known of a light from a part, of which only `between` may be in the way.
-    fn look(&self, side: &Side, lamp: &Lamp, between: &[u32]) -> Sight {
+    /// What is known of a light from a part, of which only `between` may be in the way; takes what it does off `tests`.
+    fn look(&self, side: &Side, lamp: &Lamp, between: &[u32], tests: &mut usize) -> Sight {
+        let mut spend = |count: usize| *tests = tests.saturating_sub(count);
+        spend(1);
         let pairs = || side.corners.into_iter().flat_map(|from| lamp.corners.map(|to| to - from));
         // Cosines, as what grazes is on either side.
         let all = |test: &dyn Fn(DVec3) -> bool| pairs().all(|toward| test(toward.normalize_or_zero()));
@@ -356,6 +368,13 @@ impl World {
         let is_behind_part = all(&|d| side.normal.dot(d) < -GRAZING);
         if is_behind_part || (is_behind_lamp && !lamp.two_sided) || lamp.width == 0.0 {
             return Sight::Nothing;
+        }
+        let [a, b, c, _] = side.corners;
+        let nearest =
+            pairs().map(DVec3::length).fold(f64::INFINITY, f64::min) - b.distance(c).max(a.distance(b)) - lamp.longest;
+        let is_level = all(&|d| side.normal.dot(d).abs() < GRAZING);
+        if is_level || lamp.width < SMALLEST_LIGHT * nearest {
+            return Sight::Sampled;
         }
         if !is_behind_lamp && !all(&|d| lamp.normal.dot(d) < -GRAZING) {
             return Sight::Unknown(between.to_vec());
@@ -366,8 +385,9 @@ impl World {
         let to: Vec<DVec3> =
             clipped(&lamp.corners, from[0], side.normal).into_iter().map(|corner| corner + off).collect();
         if to.is_empty() {
-            return Sight::Unknown(Vec::new());
+            return Sight::Sampled;
         }
+        spend(between.len());
         let clear = 0.5 * side.face.margin.min(lamp.margin);
         let shaft = Shaft { from, to: &to, clear, axes: [side.normal, lamp.normal] };
         let is_between = |i: &u32| !shaft.is_clear_of(&self.faces[*i as usize]);
@@ -376,6 +396,7 @@ impl World {
         if between.is_empty() {
             return if is_small { Sight::Unknown(between) } else { Sight::Whole };
         }
+        spend(between.len() * (2 * to.len() + 1));
         let polygons = || between.iter().flat_map(|&i| &self.faces[i as usize].hides);
         let hides = |polygon: &Polygon, to: DVec3| from.into_iter().all(|from| polygon.cuts(from, to));
         if polygons().any(|polygon| to.iter().all(|to| hides(polygon, *to))) {
@@ -388,7 +409,7 @@ impl World {
             between.iter().all(|&i| shaft.is_clear_of(&self.faces[i as usize]))
         };
         if is_hidden.contains(&true) && to.iter().zip(&is_hidden).any(|(to, is_hidden)| !is_hidden && is_seen(to)) {
-            return Sight::Partial;
+            return Sight::Sampled;
         }
         Sight::Unknown(between)
     }
@@ -427,9 +448,11 @@ impl Shaft<'_> {
     fn is_clear_of(&self, face: &Face) -> bool {
         let [first, second] = self.axes;
         // Planes in parallel to the triangle, to both ends, to the axes of space.
-        let is_apart = |axis| self.gap(axis, face.corners).0 > self.clear * self.clear * axis.length_squared();
+        // Rays lose digits at the ends of the shaft and at the triangle.
+        let clear = self.clear.max(0.5 * face.margin);
+        let is_apart = |axis| self.gap(axis, face.corners).0 > clear * clear * axis.length_squared();
         [face.normal, first, second, DVec3::X, DVec3::Y, DVec3::Z].into_iter().any(is_apart)
-            || (!self.is_cut_by(face) && self.is_apart_from(face.corners))
+            || (!self.is_cut_by(face) && self.is_apart_from(face.corners, clear))
     }
 
     /// Whether a triangle cuts a line between corners, within rounding: then there is no plane to look for.
@@ -448,11 +471,11 @@ impl Shaft<'_> {
 
     /// Looks for the point of the hull of all differences between both that is nearest to zero: the plane through it, if
     /// any, separates them. Source: Frank and Wolfe 1956, with exact steps.
-    fn is_apart_from(&self, corners: [DVec3; 3]) -> bool {
+    fn is_apart_from(&self, corners: [DVec3; 3], clear: f64) -> bool {
         let mut nearest = self.from[0] - corners[0];
         for _ in 0..MOST_STEPS {
             let (gap, vertex) = self.gap(nearest, corners);
-            if gap > self.clear * self.clear * nearest.length_squared() {
+            if gap > clear * clear * nearest.length_squared() {
                 return true;
             }
             let step = vertex - nearest;

@@ -14,6 +14,8 @@ use crate::{
     output::Layers,
     packed::PackedScene,
     scene::Camera,
+    settings::Settings,
+    skips::Rule,
     technique::{Technique, direct_light},
 };
 
@@ -22,9 +24,12 @@ use crate::{
 /// # Errors
 /// If the size is refused.
 pub fn layers(packed: &PackedScene, request: &Request, rendered: &Rendered) -> Result<Layers, RenderError> {
-    let facts = facts_of(packed, request.width, request.height, &request.settings);
+    // Every surface holds a sample, even where light is known without.
+    let skips = request.settings.skips.with(Rule::ClosedForm, false);
+    let settings = Settings { skips, ..request.settings.clone() };
+    let facts = facts_of(packed, request.width, request.height, &settings);
     let outputs: &[&str] = if !packed.content.shines() { &["surfaces"] } else { &["surfaces", "fresh"] };
-    let plan = direct_light(Technique::Candidates, &request.settings, &facts, request.curve, outputs)?;
+    let plan = direct_light(Technique::Candidates, &settings, &facts, request.curve, outputs)?;
     let mut executor = CpuExecutor::new(&plan);
     let frame = Frame { jitter: 0, ..frame_of(packed, request) };
     executor.run(&plan, packed.buffers(), &FramePair { now: frame, prev: frame });

@@ -41,6 +41,18 @@ pub struct Cost {
     pub different: Option<usize>,
 }
 
+impl Cost {
+    /// Which rules are on, in words.
+    pub fn name(&self) -> String {
+        let on: Vec<&str> = Rule::ALL.into_iter().filter(|rule| self.skips.is_on(*rule)).map(Rule::name).collect();
+        match on.as_slice() {
+            [] => "all off".to_owned(),
+            _ if self.skips == Skips::default() => "all on".to_owned(),
+            names => format!("{} alone", names.join(" and ")),
+        }
+    }
+}
+
 /// What is measured with some of the rules.
 #[derive(Default)]
 struct Measured {
@@ -50,11 +62,18 @@ struct Measured {
 }
 
 /// Measures frames of the request's technique without any rule, with each alone, with those that change what is drawn, and
-/// with all, in this order: `turns` times each, in turns, so that what else a machine does slows all alike.
+/// with all, in this order: `turns` times each, in turns, so that what else a machine does slows all alike. Asks before
+/// the scene is packed and before each turn of each whether to go on; `None` if not.
 ///
 /// # Errors
 /// If the size is refused, the scene can't be packed or shown at some time, or the GPU fails.
-pub fn costs(scene: &Scene, request: &Request, backend: &Backend<'_>, turns: u32) -> Result<Vec<Cost>, RenderError> {
+pub fn costs(
+    scene: &Scene,
+    request: &Request,
+    backend: &Backend<'_>,
+    turns: u32,
+    mut goes_on: impl FnMut() -> bool,
+) -> Result<Option<Vec<Cost>>, RenderError> {
     let none = Skips::none();
     let alone = Rule::ALL.into_iter().map(|rule| none.with(rule, true));
     let drawn =
@@ -64,6 +83,9 @@ pub fn costs(scene: &Scene, request: &Request, backend: &Backend<'_>, turns: u32
     let mut packed: HashMap<PackOptions, (PackedScene, f64)> = HashMap::new();
     for options in ways.iter().map(|skips| PackOptions::of(&settings_of(*skips))) {
         if let Entry::Vacant(place) = packed.entry(options) {
+            if !goes_on() {
+                return Ok(None);
+            }
             let start = Instant::now();
             let moment = Moment { time_s: request.settings.time_s, ..Moment::default() };
             let scene = PackedScene::with(scene, &moment, options)?;
@@ -73,6 +95,9 @@ pub fn costs(scene: &Scene, request: &Request, backend: &Backend<'_>, turns: u32
     let mut measured: Vec<Measured> = ways.iter().map(|_| Measured::default()).collect();
     for turn in 0..turns {
         for (skips, measured) in ways.iter().zip(&mut measured) {
+            if !goes_on() {
+                return Ok(None);
+            }
             let settings = settings_of(*skips);
             let (packed, _) = packed.get_mut(&PackOptions::of(&settings)).expect("packed for every way");
             measure(packed, Request { settings, ..request.clone() }, backend, turn, measured)?;
@@ -96,7 +121,7 @@ pub fn costs(scene: &Scene, request: &Request, backend: &Backend<'_>, turns: u32
             different: base.map(|base| pictures[way].iter().zip(&pictures[base]).filter(is_other).count()),
         }
     };
-    Ok(ways.iter().copied().enumerate().map(of).collect())
+    Ok(Some(ways.iter().copied().enumerate().map(of).collect()))
 }
 
 /// One turn of frames.

@@ -86,7 +86,8 @@ fn no_rule_changes_a_picture_by_a_bit_but_those_that_draw_otherwise() {
             (Technique::Candidates, &["candidates.source=tree", "reservoirs.choice=inversion"]),
         ] {
             let request = Request::new(camera, [33, 20], technique, settings(knobs));
-            let found = costs(&scene, &request, &Backend::Cpu(Order::default()), 1).expect("frames");
+            let found = costs(&scene, &request, &Backend::Cpu(Order::default()), 1, || true);
+            let found = found.expect("frames").expect("nobody stops it");
             assert_eq!(found.len(), Rule::ALL.len() + 3);
             for Cost { skips, different, .. } in &found {
                 let draws_apart =
@@ -178,6 +179,24 @@ fn what_frames_do_without_is_listed() {
         lacks.contains(&"images") && lacks.contains(&"motion") && !lacks.contains(&"triangles or shapes that emit")
     );
     assert!(!moving.content.lacks().contains(&"motion"));
+}
+
+/// The rule decides, even where the scene was packed for both.
+#[test]
+fn light_in_closed_form_is_sampled_without_the_rule() {
+    let scene = built_in("cornell");
+    let camera = scene.camera.expect("it has one");
+    let options = PackOptions { closed_form: true, ..PackOptions::default() };
+    let packed = PackedScene::with(&scene, &Moment::default(), options).expect("it fits");
+    for (rule, is_on) in [("on", true), ("off", false)] {
+        let mut frames = Frames::new(&packed, camera, &[&format!("skip.closed_form={rule}")], &["surfaces", "fresh"]);
+        frames.run(&packed);
+        let (surfaces, fresh) = (frames.output::<Surface>("surfaces"), frames.output::<Reservoir>("fresh"));
+        let settled = surfaces.iter().zip(&fresh).filter(|(surface, _)| surface.is_settled() && !surface.is_sky());
+        assert!(settled.clone().all(|(_, held)| *held == Reservoir::EMPTY));
+        assert_eq!(settled.count() > 100, is_on);
+        assert_eq!(frames.plan.left_out().iter().any(|(what, _)| *what == "sampling"), is_on);
+    }
 }
 
 /// Frames of a still camera on the CPU, with these outputs.

@@ -222,7 +222,7 @@ pub fn false_color(view: View, buffers: &Buffers<'_>) -> Vec<u32> {
                 if on_lattice { frame.candidates + frame.candidates_bsdf } else { frame.candidates_off_lattice }
             };
             let color = |i: usize, s: &Surface| {
-                if s.is_sky() { Vec3::ZERO } else { heat(logarithmic(offered(i) as f32, 1.0, 64.0)) }
+                if s.is_settled() { Vec3::ZERO } else { heat(logarithmic(offered(i) as f32, 1.0, 64.0)) }
             };
             buffers.surfaces.iter().enumerate().map(|(i, s)| pack(color(i, s))).collect()
         }

@@ -26,16 +26,20 @@ use super::{
 };
 use crate::{
     budget::TimeBudget,
-    executor::gpu::{Gpu, GpuError},
+    executor::{
+        cpu::Order,
+        gpu::{Gpu, GpuError},
+    },
     faults::Faults,
     graph::GraphError,
     margin::Batches,
     packed::{Moment, PackError, PackOptions, PackedScene},
     reference::Estimate,
-    render::{Request, frame_of},
+    render::{Backend, RenderError, Request, frame_of},
     scene::{Camera, Scene, bounds::Bounds, choice::Choice, error::SceneError},
     sequence::{Sequence, Shot},
     settings::Settings,
+    skips,
     technique::Technique,
 };
 
@@ -216,6 +220,22 @@ impl Engine {
         self.dynamic = true;
         self.repack(&lights::moment(&self.base, want.time_s, &want.edits))?;
         Ok(Some(light))
+    }
+
+    /// What leaving work out saves in frames in real time of the scene without changes to its lights, but with what was
+    /// added to it; see
+    /// [`skips::costs`].
+    ///
+    /// # Errors
+    /// If such frames can't be computed.
+    pub fn costs(&self, want: &Want, goes_on: impl FnMut() -> bool) -> Result<Option<Vec<skips::Cost>>, RenderError> {
+        let mut scene = self.base.clone();
+        lights::scatter(&mut scene, self.scattered);
+        let backend = match &self.place {
+            Place::Cpu => Backend::Cpu(Order::default()),
+            Place::Gpu(gpu, _) => Backend::Gpu(gpu),
+        };
+        skips::costs(&scene, &self.request(want, Technique::RealTime), &backend, 1, goes_on)
     }
 
     fn request(&self, want: &Want, technique: Technique) -> Request {

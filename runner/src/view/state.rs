@@ -19,6 +19,7 @@ use super::{
 use crate::{
     scene::{Camera, builtin, choice::Choice},
     settings::Settings,
+    skips::Cost,
     technique::ToneCurve,
 };
 
@@ -128,6 +129,8 @@ pub struct State {
     pub stats: Stats,
     /// The newest picture.
     pub frames: Option<Arc<Frames>>,
+    /// What leaving work out saves, if it was measured, and with which knobs.
+    pub costs: Option<(Settings, Vec<Cost>)>,
     /// Whether it is good enough and nothing is computed.
     pub resting: bool,
     /// What takes long just now.
@@ -188,6 +191,7 @@ impl State {
             recording: None,
             messages: Vec::new(),
             stats: Stats::default(),
+            costs: None,
             frames: None,
             resting: false,
             busy: None,
@@ -307,13 +311,18 @@ impl State {
                     [first, rest @ ..] => self.say(format!("{first}\n(and {} more)", rest.len())),
                 }
                 (self.facts, self.choice) = (facts, choice);
+                self.costs = None;
             }
-            News::Changed(facts) => self.facts = facts,
+            News::Changed(facts) => {
+                self.facts = facts;
+                self.costs = None;
+            }
             News::Failed(reason) => self.fail(reason),
             News::GpuFailed(error) => self.fail(error.to_string()),
             News::Saved(path) => self.say(format!("saved {}", path.display())),
             News::Found(found, purpose) => self.found(found, purpose),
             News::LightTaken(instance) => self.edit(instance),
+            News::Measured { settings, costs } => self.costs = Some((*settings, costs)),
         }
     }
 

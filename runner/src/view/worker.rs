@@ -18,7 +18,10 @@ use super::{
 };
 use crate::{
     executor::gpu::{Gpu, GpuError},
+    render::RenderError,
     scene::{Camera, choice::Choice, environment},
+    settings::Settings,
+    skips::Cost,
 };
 
 /// Something to do between frames.
@@ -37,6 +40,8 @@ pub enum Job {
     Save(PathBuf),
     /// Every picture from now on into a folder, or no more.
     Record(Option<PathBuf>),
+    /// What leaving work out saves.
+    Measure,
 }
 
 /// What a pick is for.
@@ -73,6 +78,13 @@ pub enum News {
     Found(Option<Picked>, Purpose),
     /// A light is an instance of its own now.
     LightTaken(u32),
+    /// What leaving work out saves.
+    Measured {
+        /// The knobs with which it does.
+        settings: Box<Settings>,
+        /// Without any rule, with each alone and with all.
+        costs: Vec<Cost>,
+    },
 }
 
 /// What the thread is to do.
@@ -315,7 +327,28 @@ impl Thread {
                 Err(reason) => self.tell(News::Failed(reason)),
             },
             Job::Record(folder) => self.recording = folder.map(|folder| (folder, 0)),
+            Job::Measure => self.measure(want),
         }
+    }
+
+    /// Until something else is to be done.
+    fn measure(&mut self, want: Option<&Want>) {
+        let Some((engine, want)) = self.engine.as_ref().zip(want) else { return };
+        self.busy(Some("measuring what leaving work out saves".to_owned()));
+        let goes_on = || {
+            let inbox = lock(&self.shared.inbox);
+            !inbox.stop && inbox.jobs.is_empty()
+        };
+        match engine.costs(want, goes_on) {
+            Ok(Some(costs)) => {
+                let settings = Box::new(want.settings.clone());
+                self.tell(News::Measured { settings, costs });
+            }
+            Ok(None) => {}
+            Err(RenderError::Gpu(error)) => self.fail(EngineError::Gpu(error)),
+            Err(error) => self.tell(News::Failed(error.to_string())),
+        }
+        self.busy(None);
     }
 
     fn tell_facts(&self) {

@@ -230,3 +230,18 @@ fn a_scene_that_is_not_there_is_an_error() {
     let error = Engine::open(&Choice::new("no/such.obj"), None).map(|_| ()).expect_err("no scene");
     assert!(error.to_string().contains("no/such.obj"), "{error}");
 }
+
+#[test]
+fn what_leaving_work_out_saves_can_be_measured_and_stopped() {
+    let engine = cornell();
+    let want = want(&engine);
+    let costs = engine.costs(&want, || true).expect("frames").expect("nobody stops it");
+    assert_eq!(costs.len(), crate::skips::Rule::ALL.len() + 3);
+    assert!(costs.iter().all(|cost| cost.frame_ms > 0.0 && cost.frame_bytes > 0));
+    let mut asked = 0;
+    let stopped = engine.costs(&want, || {
+        asked += 1;
+        asked < 3
+    });
+    assert_eq!((stopped.expect("frames"), asked), (None, 3));
+}

@@ -2,7 +2,10 @@
 
 use egui::{Align2, Color32, FontId, Pos2, Rect, Sense, Shape, Stroke, Ui, epaint::CubicBezierShape, pos2, vec2};
 
-use crate::view::{engine::Schedule, state::State};
+use crate::{
+    skips::Cost,
+    view::{engine::Schedule, state::State, worker::Job},
+};
 
 const ROW: f32 = 22.0;
 const LANES: f32 = 70.0;
@@ -74,6 +77,33 @@ pub fn graph(ui: &mut Ui, state: &mut State) {
     for (pass, why) in &schedule.left_out {
         ui.weak(format!("{pass}: left out, {why}"));
     }
+    let button = ui.button("Measure what that saves").on_hover_text(
+        "frames in real time of the scene without changes to its lights: without any rule, with each alone, with all; until done, the picture stands",
+    );
+    if button.clicked() {
+        state.jobs.push(Job::Measure);
+    }
+    match &state.costs {
+        Some((settings, measured)) if *settings == state.settings => costs(ui, measured),
+        Some(_) => _ = ui.weak("it was measured with other knobs"),
+        None => {}
+    }
+}
+
+/// What each rule saves: time and memory of a frame with it alone, between those with none and with all.
+fn costs(ui: &mut Ui, costs: &[Cost]) {
+    egui::Grid::new("costs").striped(true).num_columns(3).show(ui, |ui| {
+        for title in ["rules", "ms a frame", "MiB"] {
+            ui.strong(title);
+        }
+        ui.end_row();
+        for cost in costs {
+            ui.label(cost.name());
+            ui.label(format!("{:.2}", cost.frame_ms));
+            ui.label(format!("{:.2}", (cost.frame_bytes + cost.scene_bytes) as f64 / f64::from(1 << 20)));
+            ui.end_row();
+        }
+    });
 }
 
 #[cfg(test)]

@@ -13,6 +13,7 @@ use super::*;
 use crate::{
     scene::{builtin, choice::Choice},
     settings::Settings,
+    skips::{Cost, Skips},
     view::{
         buffers::View,
         engine::Engine,
@@ -131,6 +132,38 @@ fn the_numbers_show_the_schedule_what_was_left_out_and_the_inspected_pixel() {
     for name in ["position", "confidence", "radiance", "holds"] {
         assert!(harness.query_by_label(name).is_some(), "{name}");
     }
+}
+
+#[test]
+fn what_leaving_work_out_saves_is_measured_when_asked_and_shown() {
+    let mut harness = column(numbers);
+    assert!(harness.query_by_label("all off").is_none());
+    harness.get_by_label("Measure what that saves").click();
+    harness.run_ok();
+    assert!(harness.state().jobs.iter().any(|job| matches!(job, Job::Measure)));
+    let cost = |skips, frame_ms| Cost {
+        skips,
+        pack_ms: 1.0,
+        frame_ms,
+        frame_bytes: 3 << 20,
+        scene_bytes: 1 << 19,
+        different: None,
+    };
+    let costs = vec![cost(Skips::none(), 12.5), cost(Skips::default(), 4.25)];
+    let settings = Box::new(harness.state().settings.clone());
+    harness.state_mut().hear(crate::view::worker::News::Measured { settings, costs });
+    harness.run_ok();
+    for text in ["all off", "12.50", "all on", "4.25"] {
+        assert!(harness.query_by_label(text).is_some(), "{text}");
+    }
+    harness.state_mut().settings.candidates += 1;
+    harness.run_ok();
+    assert!(harness.query_by_label("it was measured with other knobs").is_some());
+    harness.state_mut().settings.candidates -= 1;
+    let facts = harness.state().facts.clone();
+    harness.state_mut().hear(crate::view::worker::News::Changed(facts));
+    harness.run_ok();
+    assert!(harness.query_by_label("all off").is_none(), "they were of another scene");
 }
 
 #[test]
