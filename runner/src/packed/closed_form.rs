@@ -21,9 +21,11 @@ use weir_shared::{
 /// Most triangles of a scene that is looked into: every part of each is held against every other.
 const MOST_TRIANGLES: usize = 256;
 
-/// How often a shaft may be held against a triangle, or a line against a polygon, over all triangles by their areas. By
-/// triangle, so that what is found does not depend on the order of threads.
-const MOST_TESTS: f64 = 4e6;
+/// How often a corner of a light may be tested for being hidden from a part by a triangle. All triangles share it by their
+/// areas, so that what is found does not depend on the order of threads. To hold a shaft against a triangle costs as much as
+/// [`SHAFT`] such tests.
+const MOST_TESTS: f64 = 1.2e7;
+const SHAFT: usize = 8;
 
 /// Most splits of a triangle, and the edge of parts that are not split, as a share of the scene's diagonal.
 const MOST_SPLITS: u32 = 7;
@@ -387,7 +389,7 @@ impl World {
         if to.is_empty() {
             return Sight::Sampled;
         }
-        spend(between.len());
+        spend(between.len() * SHAFT);
         let clear = 0.5 * side.face.margin.min(lamp.margin);
         let shaft = Shaft { from, to: &to, clear, axes: [side.normal, lamp.normal] };
         let is_between = |i: &u32| !shaft.is_clear_of(&self.faces[*i as usize]);
@@ -396,7 +398,7 @@ impl World {
         if between.is_empty() {
             return if is_small { Sight::Unknown(between) } else { Sight::Whole };
         }
-        spend(between.len() * (2 * to.len() + 1));
+        spend(between.len() * (2 * to.len() + SHAFT));
         let polygons = || between.iter().flat_map(|&i| &self.faces[i as usize].hides);
         let hides = |polygon: &Polygon, to: DVec3| from.into_iter().all(|from| polygon.cuts(from, to));
         if polygons().any(|polygon| to.iter().all(|to| hides(polygon, *to))) {
