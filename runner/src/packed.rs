@@ -278,6 +278,7 @@ impl PackedScene {
                 light_tree_at,
                 light_cuts_at,
                 light_bounds: mesh.light_bounds,
+                has_powers: has_powers(&mesh.light_table),
                 shape: mesh.shape,
             });
             ranges.push(MeshRange {
@@ -381,6 +382,7 @@ impl PackedScene {
             emitters: *has_lights,
             distant: environment::count(&self.frame) > 0,
             shapes: top.has_unfound(),
+            powers: self.content.powers,
             instances: *is_dynamic || !top.is_trivial(),
             motion: *is_dynamic || top.moves(),
             light_tree: capacity.has_tree,
@@ -411,6 +413,14 @@ impl PackedScene {
     pub fn bytes(&self) -> u64 {
         SceneBuffers::NAMES.iter().map(|name| self.buffers().bytes(name).len() as u64).sum()
     }
+}
+
+/// Whether the items of an alias table differ in probability by more than rounding.
+fn has_powers(table: &[u32]) -> bool {
+    let entries = table.as_chunks::<{ alias::ENTRY_WORDS as usize }>().0;
+    let probabilities = || entries.iter().map(|entry| f32::from_bits(entry[2]));
+    let (low, high) = (probabilities().fold(f32::INFINITY, f32::min), probabilities().fold(0.0, f32::max));
+    high > low * 1.001
 }
 
 fn fit(buffer: &'static str, words: u64) -> Result<(), PackError> {

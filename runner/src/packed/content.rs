@@ -25,6 +25,12 @@ pub struct Content {
     pub emission_images: bool,
     /// Specular lobes.
     pub gloss: bool,
+    /// More than one material.
+    pub materials: bool,
+    /// Lights that shine to both sides.
+    pub two_sided: bool,
+    /// Lights of different power.
+    pub powers: bool,
     /// More than one instance, or one that is not in place.
     pub instances: bool,
     /// Anything that moves, or may.
@@ -53,6 +59,8 @@ impl Content {
                 m.emission != Vec3::ZERO && (m.emission_texture.is_some() || m.alpha_texture.is_some())
             }),
             gloss: has(|m| m.metallic > 0.0 || m.specular != Vec3::ZERO),
+            materials: materials.len() > 1,
+            two_sided: has(|m| m.emission != Vec3::ZERO && m.two_sided_emission),
             ..self
         }
     }
@@ -101,6 +109,9 @@ impl Content {
             ("alpha masks", self.masks),
             ("images on what emits", self.emission_images),
             ("specular lobes", self.gloss),
+            ("a second material", self.materials),
+            ("lights that shine to both sides", self.two_sided),
+            ("lights of different power", self.powers),
             ("instances", self.instances),
             ("motion", self.motion),
         ];

@@ -57,6 +57,8 @@ pub(super) struct MeshStart {
     pub(super) light_tree_at: u32,
     pub(super) light_cuts_at: u32,
     pub(super) light_bounds: LightBounds,
+    /// Whether its lights differ in power.
+    pub(super) has_powers: bool,
     pub(super) shape: Option<ShapeLight>,
 }
 
@@ -248,6 +250,8 @@ impl PackedScene {
         let mut is_found_alike = self.dynamics.shown.is_some() && drawn == self.dynamics.drawn;
         let block_before = self.dynamics.half * capacity.record_words();
         let (mut emitters, mut weights, mut bounds) = (Vec::new(), Vec::new(), Vec::new());
+        // The power of a light of each emitter: the least and the most, and whether those of one differ.
+        let (mut powers, mut has_powers) = ([f64::INFINITY, 0.0], false);
         for (slot, (&instance, (world_from_object, object_from_world))) in
             drawn.iter().zip(&placed.transforms).enumerate()
         {
@@ -301,6 +305,9 @@ impl PackedScene {
                     }
                 };
                 weights.push(placed.power);
+                let of_each = placed.power / f64::from(start.light_count);
+                powers = [powers[0].min(of_each), powers[1].max(of_each)];
+                has_powers |= start.has_powers;
                 bounds.push(placed);
                 first_light += start.light_count;
             }
@@ -360,6 +367,7 @@ impl PackedScene {
         self.frame.top_root = (first_row / 5) as u32;
         self.bounds = placed.bounds.map(|corner| corner + self.origin);
         self.frame.block = half as u32;
+        self.content.powers = has_powers || powers[1] > powers[0] * 1.001;
         self.dynamics.half = half;
         self.dynamics.blocks[half] = [block as u32, drawn.len() as u32];
         self.dynamics.shown = Some(moment.clone());

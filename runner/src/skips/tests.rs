@@ -179,6 +179,22 @@ fn what_frames_do_without_is_listed() {
         lacks.contains(&"images") && lacks.contains(&"motion") && !lacks.contains(&"triangles or shapes that emit")
     );
     assert!(!moving.content.lacks().contains(&"motion"));
+    for what in ["lights that shine to both sides", "lights of different power"] {
+        assert!(lacks.contains(&what), "{what}");
+    }
+    assert!(!lacks.contains(&"a second material"));
+    let mut other = built_in("cornell");
+    other.materials.iter_mut().for_each(|material| material.two_sided_emission = true);
+    other.meshes[3].positions[0].x -= 0.1;
+    let other = PackedScene::new(&other, 0.0).expect("it fits").content;
+    assert!(other.two_sided && other.powers && other.materials, "{other:?}");
+    let mut second = built_in("cornell");
+    second.instances.push(second.instances[3].clone());
+    let lamps = Moment { emission: vec![(4, Vec3::splat(2.0))], ..Moment::default() };
+    let mut second = PackedScene::dynamic(&second, &lamps).expect("it fits");
+    assert!(second.content.powers, "one lamp is twice as bright");
+    second.advance(&Moment::default()).expect("shown");
+    assert!(!second.content.powers, "they are alike");
 }
 
 /// The rule decides, even where the scene was packed for both.
