@@ -44,11 +44,13 @@ pub struct Cost {
 impl Cost {
     /// Which rules are on, in words.
     pub fn name(&self) -> String {
-        let on: Vec<&str> = Rule::ALL.into_iter().filter(|rule| self.skips.is_on(*rule)).map(Rule::name).collect();
+        let on: Vec<Rule> = Rule::ALL.into_iter().filter(|rule| self.skips.is_on(*rule)).collect();
         match on.as_slice() {
             [] => "all off".to_owned(),
+            [only] => format!("{} alone", only.name()),
             _ if self.skips == Skips::default() => "all on".to_owned(),
-            names => format!("{} alone", names.join(" and ")),
+            some if some.iter().all(|rule| rule.changes_draws()) => "all that draw otherwise".to_owned(),
+            some => some.iter().map(|rule| rule.name()).collect::<Vec<_>>().join(" and "),
         }
     }
 }
