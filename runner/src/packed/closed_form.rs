@@ -449,10 +449,10 @@ impl Shaft<'_> {
     /// Whether some plane is found that has the triangle on its other side.
     fn is_clear_of(&self, face: &Face) -> bool {
         let [first, second] = self.axes;
-        // Planes in parallel to the triangle, to both ends, to the axes of space.
         // Rays lose digits at the ends of the shaft and at the triangle.
         let clear = self.clear.max(0.5 * face.margin);
         let is_apart = |axis| self.gap(axis, face.corners).0 > clear * clear * axis.length_squared();
+        // Planes in parallel to the triangle, to both ends, to the axes of space; then any.
         [face.normal, first, second, DVec3::X, DVec3::Y, DVec3::Z].into_iter().any(is_apart)
             || (!self.is_cut_by(face) && self.is_apart_from(face.corners, clear))
     }
