@@ -69,6 +69,11 @@ impl Resource {
         Self { extent: Extent::Records, ..Self::new::<T>(name, life) }
     }
 
+    /// The same with an element for each of something else.
+    pub const fn over(self, extent: Extent) -> Self {
+        Self { extent, ..self }
+    }
+
     /// Bytes of it, for what is not the scene's.
     pub(crate) fn bytes(&self, facts: &Facts) -> u64 {
         self.stride as u64 * facts.elements(self.extent)
@@ -267,6 +272,17 @@ impl Planned {
     /// The frame as this step sees it.
     pub fn frames(&self, frames: &FramePair) -> FramePair {
         FramePair { now: Frame { round: self.round, ..frames.now }, prev: frames.prev }
+    }
+
+    /// Whether it runs over a list of tiles, and writes nothing of others.
+    pub fn is_listed(&self) -> bool {
+        self.list().is_some()
+    }
+
+    /// Where the list of tiles is that it runs over.
+    pub(crate) fn list(&self) -> Option<Slot> {
+        let mut slots = self.pass.bindings.iter().zip(&self.slots);
+        slots.find(|(b, (_, slot))| b.is_uniform && *slot != Slot::Zero).map(|(_, (_, slot))| *slot)
     }
 
     /// Names of the resources that it writes, with the bytes of an element.
@@ -594,6 +610,15 @@ impl Plan {
     /// Names of the passes that run, in order.
     pub fn pass_names(&self) -> Vec<&'static str> {
         self.steps.iter().map(|s| s.pass.name).collect()
+    }
+
+    /// What is to be zeros before a step runs: outputs of the plan of which it leaves tiles unwritten. Of other results
+    /// nobody reads these.
+    pub fn cleared(&self, step: &Planned) -> impl Iterator<Item = Slot> + '_ {
+        let written: Vec<Slot> =
+            step.slots.iter().filter(|(access, _)| *access == Access::Write).map(|(_, slot)| *slot).collect();
+        let is_listed = step.is_listed();
+        self.outputs.iter().map(|(_, slot)| *slot).filter(move |slot| is_listed && written.contains(slot))
     }
 
     /// Bytes of all buffers of the frame, the scene's apart.

@@ -99,6 +99,8 @@ pub struct PackedScene {
     pub light_costs: LightCosts,
     /// What becomes of the light tree at the next moment; `None`: nothing, as no candidate comes down it.
     pub tree_update: Option<TreeUpdate>,
+    /// Whether what stands still is left as it is from one moment to the next.
+    pub keeps_still: bool,
     origins: Origin,
     dynamics: Dynamics,
     meshes: Vec<MeshRange>,
@@ -335,6 +337,7 @@ impl PackedScene {
             origin: origins.of_scene,
             light_costs,
             tree_update: Some(TreeUpdate::default()),
+            keeps_still: true,
             origins,
             dynamics: Dynamics::new(top, starts, capacity, options.dynamic, has_lights),
             meshes: ranges,

@@ -228,6 +228,8 @@ fn spared(packed: &PackedScene, settings: &Settings) -> Vec<(&'static str, &'sta
         (content.closed_form, Rule::ClosedForm, "sampling", "where light has a closed form"),
         (content.emitters && !settings.needs_tree(), Rule::Trees, "light trees", "no candidate comes down one"),
         (!packed.moves(), Rule::Updates, "updates", "nothing moves by itself"),
+        (packed.moves(), Rule::Still, "updates", "of what stands still"),
+        (content.has().contains(&Need::Lights), Rule::Tiles, "tiles", "in which no pixel has light to sample"),
         (!settings.jitter, Rule::Primary, "camera rays", "of frames that see what the last two have seen"),
     ];
     let is_spared = |(holds, rule, ..): &(bool, Rule, &'static str, &'static str)| *holds && skips.is_on(*rule);

@@ -78,6 +78,7 @@ impl<S: BorrowMut<PackedScene>> Sequence<S> {
         let packed = self.packed.borrow_mut();
         let settings = &self.request.settings;
         packed.tree_update = (settings.needs_tree() || self.keeps_tree).then_some(settings.tree_update);
+        packed.keeps_still = settings.skips.is_on(Rule::Still);
         let changed = if self.request.settings.skips.is_on(Rule::Updates) {
             packed.advance(&shot.moment)?
         } else {

@@ -59,13 +59,17 @@ pub enum Rule {
     Trees,
     /// Light tables, trees, top level and their upload for a frame that shows the same moment as the last.
     Updates,
+    /// The same of all that stands still, in frames in which something else moves or emits otherwise.
+    Still,
     /// Camera rays of a frame that sees what the last two have seen.
     Primary,
+    /// Tiles in which no pixel has light to sample, in the passes that do so.
+    Tiles,
 }
 
 impl Rule {
     /// All of them.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 19] = [
         Self::Absent,
         Self::Unread,
         Self::Textures,
@@ -82,7 +86,9 @@ impl Rule {
         Self::Unlit,
         Self::Trees,
         Self::Updates,
+        Self::Still,
         Self::Primary,
+        Self::Tiles,
     ];
 
     /// What stands behind `skip.` in its knob.
@@ -104,7 +110,9 @@ impl Rule {
             Self::Unlit => "unlit",
             Self::Trees => "trees",
             Self::Updates => "updates",
+            Self::Still => "still",
             Self::Primary => "primary",
+            Self::Tiles => "tiles",
         }
     }
 

@@ -1,7 +1,7 @@
 //! The frames that weir knows: resources and steps.
 
 use glam::{UVec4, Vec4};
-use weir_shader::wiring::Pass;
+use weir_shader::wiring::{Extent, Pass};
 use weir_shared::{
     light::source,
     merge::form,
@@ -31,6 +31,9 @@ pub const RESOURCES: &[Resource] = &[
     Resource::new::<u32>("lights", Life::Scene),
     Resource::new::<Surface>("surfaces", Life::History),
     Resource::new::<Vec4>("emitted", Life::Transient),
+    Resource::new::<u32>("busy_blocks", Life::Transient).over(Extent::Blocks),
+    Resource::new::<u32>("busy_in_rows", Life::Transient).over(Extent::TileRows),
+    Resource::new::<UVec4>("tiles", Life::Transient).over(Extent::TileList),
     Resource::reservoirs::<Reservoir>("bsdf_hits", Life::Transient),
     Resource::records::<LightRecord>("presampled", Life::Transient),
     Resource::candidates::<Candidate>("resident", Life::Transient),
@@ -243,7 +246,12 @@ fn steps(technique: Technique, settings: &Settings, curve: ToneCurve) -> Vec<Ste
         chain.look("visible");
     }
 
-    let mut steps = vec![step("primary").kept_if(!settings.jitter && settings.skips.is_on(Rule::Primary))];
+    let is_kept = !settings.jitter && settings.skips.is_on(Rule::Primary);
+    let mut steps = vec![step("primary").kept_if(is_kept)];
+    steps.extend(["tiles_blocks", "tiles_rows", "tiles_list"].map(|pass| {
+        let wanted = settings.skips.is_on(Rule::Tiles);
+        step(pass).only_if(wanted, "`skip.tiles` is off: all tiles").needs(Need::Lights).kept_if(is_kept)
+    }));
     steps.append(&mut chain.steps);
     match chain.gathered.filter(|_| settings.sum && rays == Rays::Quality) {
         Some(gathered) => steps.push(step("shade_sum").with("gathered", gathered)),

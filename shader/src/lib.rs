@@ -21,11 +21,15 @@ pub mod primary;
 pub mod shade;
 pub mod spatial;
 pub mod temporal;
+pub mod tiles;
 pub mod visibility;
 
 passes! {
     pixel primary[TEXTURES ENVIRONMENT INSTANCES CLOSED_FORM](scene, rays) -> (surfaces: [Surface], emitted: [Vec4])
         = primary::primary;
+    block tiles_blocks[](surfaces: [Surface]) -> (busy_blocks: [u32]) = tiles::blocks;
+    row tiles_rows[](busy_blocks: [u32]) -> (busy_in_rows: [u32]) = tiles::rows;
+    vector tiles_list[](busy_blocks: [u32], busy_in_rows: [u32]) -> (tiles: [UVec4]) = tiles::list;
     reservoir bsdf_rays[MASKS ENVIRONMENT INSTANCES](scene, rays, surfaces: [Surface])
         -> (bsdf_hits: [Reservoir]) = bsdf_rays::bsdf_rays;
     record presample_tiles[EMISSION_IMAGES ENVIRONMENT](scene, lights: [u32]) -> (presampled: [LightRecord])

@@ -6,7 +6,7 @@ use weir_shared::{
     trace::Tracer,
 };
 
-/// The surface of a pixel, and the radiance that it emits toward the camera (in w: 1; 0 for sky).
+/// The surface of a pixel, and the radiance that it emits toward the camera (in w: 1 if there is light to sample, else 0).
 ///
 /// One ray. Sky: the zero surface, and the radiance of the environment. Where what the surface reflects has a closed form,
 /// the radiance includes it, and the surface is settled: the passes that follow sample no light for it.
@@ -26,7 +26,7 @@ pub fn primary<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES: b
     if CLOSED_FORM {
         let reflected = closed_form::reflected(frame, scene, &hit, &found);
         if reflected.is_known {
-            return (found.surface.settled(), (found.emitted + reflected.radiance).extend(1.0));
+            return (found.surface.settled(), (found.emitted + reflected.radiance).extend(0.0));
         }
     }
     (found.surface, found.emitted.extend(1.0))

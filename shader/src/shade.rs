@@ -24,8 +24,9 @@ pub fn shade<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULA
 ) -> Vec4 {
     let emitted = load(emitted, frame.index_of(px));
     let (mut reflected, mut first) = (Vec3::ZERO, fault::NONE);
+    let reservoirs = sampled(frame, emitted);
     let mut i = 0;
-    while i < frame.reservoirs {
+    while i < reservoirs {
         let held = load(visible, frame.index_of_reservoir(px, i));
         if held.has_sample() {
             let domain = Domain::new(frame.camera_origin, &load(surfaces, frame.index_of(px)));
@@ -42,14 +43,22 @@ pub fn shade<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool, const SPECULA
 pub fn shade_sum(px: UVec2, frame: &Frame, emitted: &[Vec4], gathered: &[Vec4]) -> Vec4 {
     let emitted = load(emitted, frame.index_of(px));
     let (mut reflected, mut first) = (Vec3::ZERO, fault::NONE);
+    let reservoirs = sampled(frame, emitted);
     let mut i = 0;
-    while i < frame.reservoirs {
+    while i < reservoirs {
         let sum = load(gathered, frame.index_of_reservoir(px, i));
         reflected += sum.truncate();
         first = if first == fault::NONE { sum.w as u32 } else { first };
         i += 1;
     }
     shaded(frame, emitted, reflected, first)
+}
+
+/// Reservoirs of a pixel that hold something: none of one that has no light to sample, for which nothing may have been
+/// written.
+#[inline(always)]
+fn sampled(frame: &Frame, emitted: Vec4) -> u32 {
+    if emitted.w > 0.0 { frame.reservoirs } else { 0 }
 }
 
 /// What is emitted, and the mean of what the reservoirs reflect unless that overflows.

@@ -11,7 +11,8 @@
 //! ```text
 //! #[spirv(compute(threads(8, 8)))]
 //! pub fn x(
-//!     #[spirv(global_invocation_id)] id: UVec3,
+//!     #[spirv(workgroup_id)] group: UVec3,
+//!     #[spirv(local_invocation_id)] within: UVec3,
 //!     #[spirv(uniform, descriptor_set = 0, binding = 0)] frames: &FramePair,
 //!     #[spirv(storage_buffer, descriptor_set = 0, binding = 1)] triangles: &[f32],   // `scene` is three buffers
 //!     #[spirv(storage_buffer, descriptor_set = 0, binding = 2)] records: &[u32],
@@ -20,17 +21,21 @@
 //!     #[spirv(storage_buffer, descriptor_set = 0, binding = 5)] color: &mut [Vec4],
 //! ) {
 //!     let frame = &frames.now;
-//!     if id.x < frame.width && id.y < frame.height {
-//!         let value = shade::shade::<true>(id.truncate(), frame, &Scene { triangles, records, texels }, surfaces);
-//!         store(color, frame.index_of(id.truncate()), value);
+//!     let px = group.truncate() * tiles::BLOCK + within.truncate();
+//!     if px.x < frame.width && px.y < frame.height {
+//!         let value = shade::shade::<true>(px, frame, &Scene { triangles, records, texels }, surfaces);
+//!         store(color, frame.index_of(px), value);
 //!     }
 //! }
 //! ```
 //!
 //! in a module `entry::shade`, a host kernel with the same call in a module `kernel::shade`, and a row of `PASSES`.
 //! A row that starts with `reservoir` instead of `pixel` runs once for each reservoir of each pixel: the function gets its
-//! number after the pixel, and outputs have an element for each; `candidate` does so for each candidate of each. One that starts with `record` runs once for each record of
-//! lights drawn ahead: instead of the pixel the function gets column and row of the record. The input `prev_frame` stands
+//! number after the pixel, and outputs have an element for each; `candidate` does so for each candidate of each. Both run
+//! over a list of tiles, see [`weir_shared::tiles`], which is their first input, on a GPU a uniform at binding 1; of other
+//! tiles they write nothing. A row that starts with `record` runs once for each record of lights drawn ahead: instead of
+//! the pixel the function gets column and row of the record; so do `block`, `row` and `vector` for what the list of tiles
+//! is made of. The input `prev_frame` stands
 //! for the frame before, in the same uniform. The input `rays` is what finds intersections: the nodes `bvh`, or, with the
 //! feature `ray-query`, which leaves out all rows but those that trace rays, acceleration structures of the driver for the
 //! two blocks of instances. Binding numbers are consumed from a list, so they are dense by construction;
@@ -91,7 +96,7 @@ macro_rules! passes {
                     extent: $crate::passes!(@extent $extent),
                     features: &[$($crate::wiring::Feature::$feature),*],
                     variants: $crate::passes!(@table $name [$($feature)*]),
-                    bindings: $crate::passes!(@bindings [] [$($input)*] [$($output : [$element]),+]),
+                    bindings: $crate::passes!(@bindings $extent [] [$($input)*] [$($output : [$element]),+]),
                 },
             )*]
         };
@@ -173,12 +178,35 @@ macro_rules! passes {
     (@extent reservoir) => { $crate::wiring::Extent::Reservoirs };
     (@extent candidate) => { $crate::wiring::Extent::Candidates };
     (@extent record) => { $crate::wiring::Extent::Records };
+    (@extent block) => { $crate::wiring::Extent::Blocks };
+    (@extent row) => { $crate::wiring::Extent::TileRows };
+    (@extent vector) => { $crate::wiring::Extent::TileList };
 
     // Columns and rows that a pass runs over.
     (@columns record $frame:ident) => { $frame.presampled_columns };
+    (@columns block $frame:ident) => { tiles::blocks($frame.width) };
+    (@columns row $frame:ident) => { tiles::Tiling::of($frame).rows };
+    (@columns vector $frame:ident) => { tiles::LIST_VECTORS };
     (@columns $extent:ident $frame:ident) => { $frame.width };
     (@rows record $frame:ident) => { $frame.presampled_rows };
+    (@rows block $frame:ident) => { tiles::blocks($frame.height) };
+    (@rows row $frame:ident) => { 1 };
+    (@rows vector $frame:ident) => { 1 };
     (@rows $extent:ident $frame:ident) => { $frame.height };
+
+    // Where an invocation is on a GPU, and the list of tiles on the host.
+    (@place reservoir $frame:ident, $tiles:ident, $group:ident, $within:ident) => {
+        tiles::pixel($frame, $tiles, $group.truncate(), $within.truncate())
+    };
+    (@place candidate $frame:ident, $tiles:ident, $group:ident, $within:ident) => {
+        tiles::pixel($frame, $tiles, $group.truncate(), $within.truncate())
+    };
+    (@place $extent:ident $frame:ident, $tiles:ident, $group:ident, $within:ident) => {
+        $group.truncate() * tiles::BLOCK + $within.truncate()
+    };
+    (@tiles reservoir $buffers:ident) => { $buffers.read() };
+    (@tiles candidate $buffers:ident) => { $buffers.read() };
+    (@tiles $extent:ident $buffers:ident) => { &[] };
 
     // The call of a pass, and the index of its element.
     (@call reservoir $function:path, $px:ident, $number:expr, $frame:ident, [$($argument:tt)*]) => {
@@ -195,23 +223,29 @@ macro_rules! passes {
     (@index reservoir $px:ident, $number:expr, $frame:ident) => { $frame.index_of_reservoir($px, $number) };
     (@index candidate $px:ident, $number:expr, $frame:ident) => { $frame.index_of_candidate($px, $number) };
     (@index record $px:ident, $number:expr, $frame:ident) => { $frame.index_of_record($px) };
+    (@index block $px:ident, $number:expr, $frame:ident) => { $frame.index_of_block($px) };
+    (@index row $px:ident, $number:expr, $frame:ident) => { $px.x };
+    (@index vector $px:ident, $number:expr, $frame:ident) => { $px.x };
 
     // The list of bindings, `scene` expanded.
+    (@bindings reservoir [] $i:tt $o:tt) => { $crate::passes!(@bindings [(uniform tiles UVec4)] $i $o) };
+    (@bindings candidate [] $i:tt $o:tt) => { $crate::passes!(@bindings [(uniform tiles UVec4)] $i $o) };
+    (@bindings $extent:ident [] $i:tt $o:tt) => { $crate::passes!(@bindings [] $i $o) };
     (@bindings $done:tt [prev_frame, $($rest:tt)*] $o:tt) => {
         $crate::passes!(@bindings $done [$($rest)*] $o)
     };
     (@bindings [$($done:tt)*] [rays $(, $($rest:tt)*)?] $o:tt) => {
-        $crate::passes!(@bindings [$($done)* (bvh UVec4)] [$($($rest)*)?] $o)
+        $crate::passes!(@bindings [$($done)* (read bvh UVec4)] [$($($rest)*)?] $o)
     };
     (@bindings [$($done:tt)*] [scene $(, $($rest:tt)*)?] $o:tt) => {
-        $crate::passes!(@bindings [$($done)* (triangles f32) (records u32) (texels u32)] [$($($rest)*)?] $o)
+        $crate::passes!(@bindings [$($done)* (read triangles f32) (read records u32) (read texels u32)] [$($($rest)*)?] $o)
     };
     (@bindings [$($done:tt)*] [$name:ident : [$element:ty] $(, $($rest:tt)*)?] $o:tt) => {
-        $crate::passes!(@bindings [$($done)* ($name $element)] [$($($rest)*)?] $o)
+        $crate::passes!(@bindings [$($done)* (read $name $element)] [$($($rest)*)?] $o)
     };
-    (@bindings [$(($input:ident $type:ty))*] [] [$($output:ident : [$element:ty]),+]) => {
+    (@bindings [$(($kind:ident $input:ident $type:ty))*] [] [$($output:ident : [$element:ty]),+]) => {
         &[
-            $($crate::wiring::Binding::read::<$type>(stringify!($input)),)*
+            $($crate::wiring::Binding::$kind::<$type>(stringify!($input)),)*
             $($crate::wiring::Binding::write::<$element>(stringify!($output)),)+
         ]
     };
@@ -224,11 +258,24 @@ macro_rules! passes {
         $crate::passes!{ @entry $variant $f $g [scene, queries $(, $($rest)*)?] $o }
     };
     (@query $variant:ident $f:tt $g:tt $i:tt $o:tt) => {};
-    (@entry $variant:ident $f:tt [$($flag:literal),*] [$($i:tt)*] $o:tt) => {
-        $crate::passes!{ @number $variant $f [$($flag),*] (frames frame) [1 2 3 4 5 6 7 8 9 10 11 12] [] [] [$($i)*] $o }
+    (@entry $variant:ident ($extent:ident $file:ident $function:ident) [$($flag:literal),*] [$($i:tt)*] $o:tt) => {
+        $crate::passes!{ @start $extent $variant ($extent $file $function) [$($flag),*] [$($i)*] $o }
     };
-    (@number $v:ident $f:tt $g:tt ($frames:ident $frame:ident) $n:tt $p:tt [$($a:tt)*] [prev_frame, $($rest:tt)*] $o:tt) => {
-        $crate::passes!{ @number $v $f $g ($frames $frame) $n $p [$($a)* (&$frames.prev)] [$($rest)*] $o }
+    (@start reservoir $v:ident $f:tt $g:tt $i:tt $o:tt) => {
+        $crate::passes!{ @listed $v $f $g (frames frame tiles) $i $o }
+    };
+    (@start candidate $v:ident $f:tt $g:tt $i:tt $o:tt) => {
+        $crate::passes!{ @listed $v $f $g (frames frame tiles) $i $o }
+    };
+    (@start $extent:ident $v:ident $f:tt $g:tt $i:tt $o:tt) => {
+        $crate::passes!{ @number $v $f $g (frames frame tiles) [1 2 3 4 5 6 7 8 9 10 11 12] [] [] $i $o }
+    };
+    (@listed $v:ident $f:tt $g:tt ($frames:ident $frame:ident $tiles:ident) $i:tt $o:tt) => {
+        $crate::passes!{ @number $v $f $g ($frames $frame $tiles) [2 3 4 5 6 7 8 9 10 11 12 13]
+            [(1 $tiles TileList, uniform)] [] $i $o }
+    };
+    (@number $v:ident $f:tt $g:tt ($frames:ident $frame:ident $tiles:ident) $n:tt $p:tt [$($a:tt)*] [prev_frame, $($rest:tt)*] $o:tt) => {
+        $crate::passes!{ @number $v $f $g ($frames $frame $tiles) $n $p [$($a)* (&$frames.prev)] [$($rest)*] $o }
     };
     (@number $v:ident $f:tt $g:tt $frame:tt [$n0:literal $n1:literal $n2:literal $($n:literal)*] [$($p:tt)*] [$($a:tt)*] [scene $(, $($rest:tt)*)?] $o:tt) => {
         $crate::passes!{ @number $v $f $g $frame [$($n)*]
@@ -246,41 +293,43 @@ macro_rules! passes {
     (@number $v:ident $f:tt $g:tt $frame:tt [$n0:literal $($n:literal)*] [$($p:tt)*] [$($a:tt)*] [$name:ident : [$element:ty] $(, $($rest:tt)*)?] $o:tt) => {
         $crate::passes!{ @number $v $f $g $frame [$($n)*] [$($p)* ($n0 $name [$element], storage_buffer)] [$($a)* ($name)] [$($($rest)*)?] $o }
     };
-    (@number $v:ident ($extent:ident $file:ident $function:ident) [$($flag:literal),*] ($frames:ident $frame:ident) [$n0:literal $($n:literal)*]
+    (@number $v:ident ($extent:ident $file:ident $function:ident) [$($flag:literal),*] ($frames:ident $frame:ident $tiles:ident) [$n0:literal $($n:literal)*]
         [$(($number:literal $param:ident $type:ty $(, $class:ident)?))*] [$($argument:tt)*] [] [$output:ident : [$element:ty]]) => {
         #[spirv(compute(threads(8, 8)))]
         #[doc = "Entry point."]
         pub fn $v(
-            #[spirv(global_invocation_id)] id: UVec3,
+            #[spirv(workgroup_id)] group: UVec3,
+            #[spirv(local_invocation_id)] within: UVec3,
             #[spirv(uniform, descriptor_set = 0, binding = 0)] $frames: &FramePair,
             $(#[spirv($($class,)? descriptor_set = 0, binding = $number)] $param: &$type,)*
             #[spirv(storage_buffer, descriptor_set = 0, binding = $n0)] $output: &mut [$element],
         ) {
-            let px = id.truncate();
             let $frame = &$frames.now;
+            let px = $crate::passes!(@place $extent $frame, $tiles, group, within);
             if px.x < $crate::passes!(@columns $extent $frame) && px.y < $crate::passes!(@rows $extent $frame) {
-                let value = $crate::passes!(@call $extent $crate::$file::$function::<$($flag),*>, px, id.z, $frame, [$($argument)*]);
-                store($output, $crate::passes!(@index $extent px, id.z, $frame), value);
+                let value = $crate::passes!(@call $extent $crate::$file::$function::<$($flag),*>, px, group.z, $frame, [$($argument)*]);
+                store($output, $crate::passes!(@index $extent px, group.z, $frame), value);
             }
         }
     };
-    (@number $v:ident ($extent:ident $file:ident $function:ident) [$($flag:literal),*] ($frames:ident $frame:ident) [$n0:literal $n1:literal $($n:literal)*]
+    (@number $v:ident ($extent:ident $file:ident $function:ident) [$($flag:literal),*] ($frames:ident $frame:ident $tiles:ident) [$n0:literal $n1:literal $($n:literal)*]
         [$(($number:literal $param:ident $type:ty $(, $class:ident)?))*] [$($argument:tt)*] []
         [$first:ident : [$first_element:ty], $second:ident : [$second_element:ty]]) => {
         #[spirv(compute(threads(8, 8)))]
         #[doc = "Entry point."]
         pub fn $v(
-            #[spirv(global_invocation_id)] id: UVec3,
+            #[spirv(workgroup_id)] group: UVec3,
+            #[spirv(local_invocation_id)] within: UVec3,
             #[spirv(uniform, descriptor_set = 0, binding = 0)] $frames: &FramePair,
             $(#[spirv($($class,)? descriptor_set = 0, binding = $number)] $param: &$type,)*
             #[spirv(storage_buffer, descriptor_set = 0, binding = $n0)] $first: &mut [$first_element],
             #[spirv(storage_buffer, descriptor_set = 0, binding = $n1)] $second: &mut [$second_element],
         ) {
-            let px = id.truncate();
             let $frame = &$frames.now;
+            let px = $crate::passes!(@place $extent $frame, $tiles, group, within);
             if px.x < $crate::passes!(@columns $extent $frame) && px.y < $crate::passes!(@rows $extent $frame) {
-                let value = $crate::passes!(@call $extent $crate::$file::$function::<$($flag),*>, px, id.z, $frame, [$($argument)*]);
-                let index = $crate::passes!(@index $extent px, id.z, $frame);
+                let value = $crate::passes!(@call $extent $crate::$file::$function::<$($flag),*>, px, group.z, $frame, [$($argument)*]);
+                let index = $crate::passes!(@index $extent px, group.z, $frame);
                 store($first, index, value.0);
                 store($second, index, value.1);
             }
@@ -289,10 +338,10 @@ macro_rules! passes {
 
     // Host kernel: read the same arguments in the same order, then walk the tiles of a band of rows.
     (@kernel $variant:ident $f:tt [$($flag:literal),*] [$($i:tt)*] $o:tt) => {
-        $crate::passes!{ @collect $variant $f [$($flag),*] (frames frame) [] [] [$($i)*] $o }
+        $crate::passes!{ @collect $variant $f [$($flag),*] (frames frame tiles) [] [] [$($i)*] $o }
     };
-    (@collect $v:ident $f:tt $g:tt ($frames:ident $frame:ident) $p:tt [$($a:tt)*] [prev_frame, $($rest:tt)*] $o:tt) => {
-        $crate::passes!{ @collect $v $f $g ($frames $frame) $p [$($a)* (&$frames.prev)] [$($rest)*] $o }
+    (@collect $v:ident $f:tt $g:tt ($frames:ident $frame:ident $tiles:ident) $p:tt [$($a:tt)*] [prev_frame, $($rest:tt)*] $o:tt) => {
+        $crate::passes!{ @collect $v $f $g ($frames $frame $tiles) $p [$($a)* (&$frames.prev)] [$($rest)*] $o }
     };
     (@collect $v:ident $f:tt $g:tt $frame:tt [$($p:tt)*] [$($a:tt)*] [rays $(, $($rest:tt)*)?] $o:tt) => {
         $crate::passes!{ @collect $v $f $g $frame [$($p)* (bvh UVec4)] [$($a)* (bvh)] [$($($rest)*)?] $o }
@@ -304,28 +353,30 @@ macro_rules! passes {
     (@collect $v:ident $f:tt $g:tt $frame:tt [$($p:tt)*] [$($a:tt)*] [$name:ident : [$element:ty] $(, $($rest:tt)*)?] $o:tt) => {
         $crate::passes!{ @collect $v $f $g $frame [$($p)* ($name $element)] [$($a)* ($name)] [$($($rest)*)?] $o }
     };
-    (@collect $v:ident ($extent:ident $file:ident $function:ident) [$($flag:literal),*] ($frames:ident $frame:ident)
+    (@collect $v:ident ($extent:ident $file:ident $function:ident) [$($flag:literal),*] ($frames:ident $frame:ident $tiles:ident)
         [$(($param:ident $type:ty))*] [$($argument:tt)*] [] [$output:ident : [$element:ty]]) => {
         #[doc = "Kernel."]
         pub fn $v($frames: &FramePair, band: $crate::wiring::Band, mut buffers: $crate::wiring::Buffers) {
             let $frame = &$frames.now;
+            let $tiles: &[UVec4] = $crate::passes!(@tiles $extent buffers);
             $(let $param: &[$type] = buffers.read();)*
             let $output: &mut [$element] = buffers.write();
-            band.for_each($crate::passes!(@extent $extent), $frame, |i, px, number| {
+            band.for_each($crate::passes!(@extent $extent), $frame, $tiles, |i, px, number| {
                 $output[i] = $crate::passes!(@call $extent $crate::$file::$function::<$($flag),*>, px, number, $frame, [$($argument)*]);
             });
         }
     };
-    (@collect $v:ident ($extent:ident $file:ident $function:ident) [$($flag:literal),*] ($frames:ident $frame:ident)
+    (@collect $v:ident ($extent:ident $file:ident $function:ident) [$($flag:literal),*] ($frames:ident $frame:ident $tiles:ident)
         [$(($param:ident $type:ty))*] [$($argument:tt)*] []
         [$first:ident : [$first_element:ty], $second:ident : [$second_element:ty]]) => {
         #[doc = "Kernel."]
         pub fn $v($frames: &FramePair, band: $crate::wiring::Band, mut buffers: $crate::wiring::Buffers) {
             let $frame = &$frames.now;
+            let $tiles: &[UVec4] = $crate::passes!(@tiles $extent buffers);
             $(let $param: &[$type] = buffers.read();)*
             let $first: &mut [$first_element] = buffers.write();
             let $second: &mut [$second_element] = buffers.write();
-            band.for_each($crate::passes!(@extent $extent), $frame, |i, px, number| {
+            band.for_each($crate::passes!(@extent $extent), $frame, $tiles, |i, px, number| {
                 ($first[i], $second[i]) = $crate::passes!(@call $extent $crate::$file::$function::<$($flag),*>, px, number, $frame, [$($argument)*]);
             });
         }
@@ -403,7 +454,7 @@ pub mod prelude {
     pub use weir_shared::ray_query::Queries;
     pub use weir_shared::{
         frame::FramePair, moments::Moments, numerics::store, presample::LightRecord, resample::Candidate,
-        reservoir::Reservoir, scene::Scene, surface::Surface, window::Window,
+        reservoir::Reservoir, scene::Scene, surface::Surface, tiles, tiles::TileList, window::Window,
     };
 }
 
@@ -413,9 +464,12 @@ pub use host::*;
 #[cfg(not(target_arch = "spirv"))]
 mod host {
     use bytemuck::Pod;
-    use core::mem::size_of;
-    use glam::UVec2;
-    use weir_shared::frame::{Frame, FramePair};
+    use core::{mem::size_of, ops::Range};
+    use glam::{UVec2, UVec4};
+    use weir_shared::{
+        frame::{Frame, FramePair},
+        tiles::{self, BLOCK, Tiling},
+    };
 
     /// A property of the scene that changes the code of passes.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -448,6 +502,12 @@ mod host {
         Candidates,
         /// One for each record of lights drawn ahead.
         Records,
+        /// One for each block of 8x8 pixels.
+        Blocks,
+        /// One for each row of tiles, see [`tiles::Tiling`].
+        TileRows,
+        /// One for each vector of the list of tiles.
+        TileList,
     }
 
     /// Elements in rows and columns, and how many there are at each place.
@@ -479,7 +539,17 @@ mod host {
                     Grid { columns: frame.width, rows: frame.height, depth }
                 }
                 Self::Records => Grid { columns: frame.presampled_columns, rows: frame.presampled_rows, depth: 1 },
+                Self::Blocks => {
+                    Grid { columns: tiles::blocks(frame.width), rows: tiles::blocks(frame.height), depth: 1 }
+                }
+                Self::TileRows => Grid { columns: Tiling::of(frame).rows, rows: 1, depth: 1 },
+                Self::TileList => Grid { columns: tiles::LIST_VECTORS, rows: 1, depth: 1 },
             }
+        }
+
+        /// Whether passes of it run over a list of tiles: those that sample light.
+        pub const fn is_listed(self) -> bool {
+            matches!(self, Self::Reservoirs | Self::Candidates)
         }
     }
 
@@ -490,6 +560,9 @@ mod host {
                 Self::Reservoirs => "reservoir",
                 Self::Candidates => "candidate",
                 Self::Records => "record",
+                Self::Blocks => "block of 8x8 pixels",
+                Self::TileRows => "row of tiles",
+                Self::TileList => "vector of the list of tiles",
             })
         }
     }
@@ -505,7 +578,7 @@ mod host {
         pub features: &'static [Feature],
         /// One for each combination: bit i of the index stands for feature i.
         pub variants: &'static [Variant],
-        /// Storage buffers, at binding 1 and up; binding 0 is the frame.
+        /// Buffers, at binding 1 and up; binding 0 is the frame.
         pub bindings: &'static [Binding],
     }
 
@@ -552,21 +625,33 @@ mod host {
         pub access: Access,
         /// Bytes of an element.
         pub stride: usize,
+        /// Whether a GPU binds it as a uniform.
+        pub is_uniform: bool,
     }
 
     impl Binding {
         /// An input of elements `T`.
         pub const fn read<T>(name: &'static str) -> Self {
-            Self { name, access: Access::Read, stride: size_of::<T>() }
+            Self { name, access: Access::Read, stride: size_of::<T>(), is_uniform: false }
+        }
+
+        /// An input that is small enough to be a uniform.
+        pub const fn uniform<T>(name: &'static str) -> Self {
+            Self { is_uniform: true, ..Self::read::<T>(name) }
         }
 
         /// An output of elements `T`.
         pub const fn write<T>(name: &'static str) -> Self {
-            Self { name, access: Access::Write, stride: size_of::<T>() }
+            Self { access: Access::Write, ..Self::read::<T>(name) }
         }
     }
 
     impl Pass {
+        /// How many storage buffers it binds.
+        pub fn storage_buffers(&self) -> usize {
+            self.bindings.iter().filter(|binding| !binding.is_uniform).count()
+        }
+
         /// The variant for a scene with the given features.
         pub fn variant(&self, present: &[Feature]) -> &Variant {
             let bits = self.features.iter().enumerate().map(|(i, f)| usize::from(present.contains(f)) << i);
@@ -574,7 +659,7 @@ mod host {
         }
     }
 
-    /// Consecutive rows of a [`Grid`], walked in tiles of 8x8 places.
+    /// Consecutive rows of a [`Grid`], walked in tiles.
     #[derive(Clone, Copy, Debug)]
     pub struct Band {
         /// First row.
@@ -586,17 +671,15 @@ mod host {
     }
 
     impl Band {
-        /// Calls `f` with the index within the band, the place, and the number of the element there.
+        /// Calls `f` with the index within the band, the place, and the number of the element there; only of the tiles in
+        /// `list` if `extent` goes by it.
         #[inline(always)]
-        pub fn for_each(&self, extent: Extent, frame: &Frame, mut f: impl FnMut(usize, UVec2, u32)) {
-            const TILE: u32 = 8;
+        pub fn for_each(&self, extent: Extent, frame: &Frame, list: &[UVec4], mut f: impl FnMut(usize, UVec2, u32)) {
             let Grid { columns: width, depth: numbers, .. } = extent.grid(frame);
-            let (columns, rows) = (width.div_ceil(TILE), self.rows.div_ceil(TILE));
-            for tile in 0..columns * rows {
-                let tile = if self.backwards { columns * rows - 1 - tile } else { tile };
-                let (x0, y0) = (tile % columns * TILE, tile / columns * TILE);
-                for y in y0..(y0 + TILE).min(self.rows) {
-                    for x in x0..(x0 + TILE).min(width) {
+            let parts = Parts::new(self, extent, frame, list);
+            for (columns, rows) in self.ordered(parts.places.clone()).map(|place| parts.part(place, list)) {
+                for y in rows {
+                    for x in columns.clone() {
                         for number in 0..numbers {
                             let index = (y * numbers + number) * width + x;
                             f(index as usize, UVec2::new(x, self.first_row + y), number);
@@ -605,6 +688,67 @@ mod host {
                 }
             }
         }
+
+        /// Numbers in the band's order.
+        fn ordered(&self, numbers: Range<u32>) -> impl Iterator<Item = u32> + use<> {
+            let (backwards, Range { start, end }) = (self.backwards, numbers);
+            (start..end).map(move |number| if backwards { end - 1 - (number - start) } else { number })
+        }
+    }
+
+    /// The parts of tiles that are in a band.
+    struct Parts {
+        band: Band,
+        width: u32,
+        /// Edge of a tile, and how many are in a row.
+        edge: u32,
+        columns: u32,
+        /// Of the list if there is one, else of all tiles of the band.
+        places: Range<u32>,
+        is_listed: bool,
+    }
+
+    impl Parts {
+        fn new(band: &Band, extent: Extent, frame: &Frame, list: &[UVec4]) -> Self {
+            let width = extent.grid(frame).columns;
+            if !extent.is_listed() || !tiles::is_listed(list[0]) {
+                let columns = width.div_ceil(BLOCK);
+                let places = 0..columns * band.rows.div_ceil(BLOCK);
+                return Self { band: *band, width, edge: BLOCK, columns, places, is_listed: false };
+            }
+            let Tiling { shift, columns, .. } = Tiling::of(frame);
+            let edge = BLOCK << shift;
+            let first = band.first_row / edge * columns;
+            let end = (band.first_row + band.rows).div_ceil(edge) * columns;
+            // The list is in order.
+            let up_to = |tile| partition_point(0..tiles::length(list), |place| tiles::listed(list, place) < tile);
+            Self { band: *band, width, edge, columns, places: up_to(first)..up_to(end), is_listed: true }
+        }
+
+        /// Columns, and rows counted from the band's first.
+        fn part(&self, place: u32, list: &[UVec4]) -> (Range<u32>, Range<u32>) {
+            let &Self { band: Band { first_row, rows, .. }, width, edge, columns, is_listed, .. } = self;
+            let tile = if is_listed { tiles::listed(list, place) } else { place };
+            let (x, y) = (tile % columns * edge, tile / columns * edge);
+            // Tiles of the list are of the picture, others of the band.
+            let (top, bottom) =
+                if is_listed { (y.max(first_row) - first_row, y + edge - first_row) } else { (y, y + edge) };
+            (x..(x + edge).min(width), top..bottom.min(rows))
+        }
+    }
+
+    /// The first of the numbers of which `is_before` does not hold; it holds of none after that.
+    fn partition_point(numbers: Range<u32>, is_before: impl Fn(u32) -> bool) -> u32 {
+        let Range { mut start, mut end } = numbers;
+        while start < end {
+            let middle = start + (end - start) / 2;
+            if is_before(middle) {
+                start = middle + 1;
+            } else {
+                end = middle;
+            }
+        }
+        start
     }
 
     /// The arguments of a kernel, as bytes, in the order of the bindings.
@@ -631,3 +775,6 @@ mod host {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

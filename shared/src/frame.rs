@@ -4,6 +4,8 @@ use bytemuck::{Pod, Zeroable};
 use core::mem::{offset_of, size_of};
 use glam::{UVec2, Vec3};
 
+use crate::tiles;
+
 /// Rules by which passes leave out work that cannot change what they compute or, by [`skip::FEW_LIGHTS`], its mean; bits of
 /// [`Frame::not_skipped`].
 pub mod skip {
@@ -227,6 +229,12 @@ impl Frame {
     #[inline(always)]
     pub fn index_of(&self, px: UVec2) -> u32 {
         px.y.wrapping_mul(self.width).wrapping_add(px.x)
+    }
+
+    /// Row-major index of a block of 8x8 pixels: its column and its row.
+    #[inline(always)]
+    pub fn index_of_block(&self, block: UVec2) -> u32 {
+        block.y.wrapping_mul(tiles::blocks(self.width)).wrapping_add(block.x)
     }
 
     /// Row-major index of a record of lights drawn ahead: its column and its row.

@@ -34,6 +34,7 @@ pub mod scene;
 pub mod surface;
 pub mod target;
 pub mod texture;
+pub mod tiles;
 pub mod tonemap;
 pub mod trace;
 pub mod triangle;

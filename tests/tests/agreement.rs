@@ -266,7 +266,7 @@ fn wrong_accumulate(frames: &FramePair, band: Band, mut buffers: Buffers) {
     let color: &[Vec4] = buffers.read();
     let prev_moments: &[Moments] = buffers.read();
     let moments: &mut [Moments] = buffers.write();
-    band.for_each(Extent::Pixels, frame, |i, px, _| {
+    band.for_each(Extent::Pixels, frame, &[], |i, px, _| {
         moments[i] = weir_shader::accumulate::accumulate(px, frame, color, prev_moments);
         if px.to_array() == PLANTED {
             moments[i].mean[1] = f32::from_bits(moments[i].mean[1].to_bits() ^ 1);

@@ -7,12 +7,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use bytemuck::cast_slice;
 use weir::{
     executor::gpu::{AdapterChoice, Gpu, GpuError, GpuExecutor, Loader, Module},
-    packed::PackedScene,
+    packed::{Moment, PackOptions, PackedScene},
     render::{Backend, RenderError, Request, Stop, facts_of, render},
     sequence::Sequence,
     technique::{Technique, ToneCurve, direct_light},
 };
-use weir_tests::{gpu_or_skip, request, scenes::variety};
+use weir_tests::{
+    gpu_or_skip, request,
+    scenes::{cornell, variety},
+};
 
 const SIZE: [u32; 2] = [21, 13];
 
@@ -61,6 +64,54 @@ fn every_pass_writes_every_element_of_its_outputs() {
             assert_eq!(differ, 0, "{technique} {knobs:?}: words of `{name}` that no pass has written");
             // The comparison has teeth: nothing is all ones by nature.
             assert!(clean.iter().any(|word| *word != u32::MAX), "`{name}`");
+        }
+    }
+}
+
+/// Where a tile has no work nothing is written but for outputs, and whatever is there is read by none.
+#[test]
+fn what_is_left_unwritten_in_tiles_without_work_is_never_read() {
+    let Some(gpu) = gpu_or_skip("what_is_left_unwritten_in_tiles_without_work_is_never_read") else { return };
+    let size = [100, 60];
+    let scene = cornell();
+    let mut camera = scene.camera.expect("a camera");
+    // Sky around the box, and walls that are settled.
+    camera.origin += (camera.origin - camera.target).normalize() * 1.5;
+    for (technique, knobs) in [
+        (Technique::RealTime, &[] as &[&str]),
+        (Technique::RealTime, &["rays=quality", "reservoirs.count=2"]),
+        (Technique::Still, &["reservoirs.choice=inversion"]),
+    ] {
+        let draw = |rule: &str, poisons: bool| {
+            let mut request: Request = request(&camera, size, technique, knobs);
+            request.settings.apply(&format!("skip.tiles={rule}")).expect("a knob");
+            let options = PackOptions::of(&request.settings);
+            let mut packed = PackedScene::with(&scene, &Moment::default(), options).expect("packs");
+            let facts = facts_of(&packed, size[0], size[1], &request.settings);
+            let outputs: &[&str] = if rule == "on" { &["moments", "tiles"] } else { &["moments"] };
+            let plan = direct_light(technique, &request.settings, &facts, ToneCurve::Agx, outputs).expect("a plan");
+            let mut executor =
+                GpuExecutor::new(&gpu, &plan, packed.buffers(), Loader::Auto, Module::Plain).expect("the plan fits");
+            let mut sequence = Sequence::new(&mut packed, request.clone());
+            for number in 0..3 {
+                let mut frames = sequence.next(&sequence.shot(number)).expect("a frame").0;
+                if technique != Technique::RealTime {
+                    frames.now.accumulated = number;
+                }
+                if poisons {
+                    executor.poison().expect("the GPU works");
+                }
+                executor.run(&frames).expect("the GPU works");
+            }
+            let listed = executor.read("tiles").ok().map(|list| cast_slice::<u8, u32>(list.bytes())[0]);
+            (executor.read("moments").expect("an output").bytes().to_vec(), listed)
+        };
+        let (expected, _) = draw("off", false);
+        for poisons in [false, true] {
+            let (picture, listed) = draw("on", poisons);
+            let listed = listed.expect("an output");
+            assert!((1..13 * 8).contains(&listed), "{technique}, {knobs:?}: {listed} tiles of 104");
+            assert!(picture == expected, "{technique}, {knobs:?}, {poisons}");
         }
     }
 }

@@ -25,6 +25,7 @@ use weir_shared::{
     resample::Candidate,
     reservoir::Reservoir,
     surface::Surface,
+    tiles::LIST_VECTORS,
     window::Window,
 };
 
@@ -271,8 +272,8 @@ fn check_bindings(module: &Module, passes: &'static [Pass]) -> Result<(), String
             continue;
         }
         let pass = passes.get(name).ok_or_else(|| format!("entry point `{name}` is not in the table"))?;
-        if pass.bindings.len() > MOST_STORAGE_BUFFERS + usize::from(ONE_MORE.contains(&pass.name)) {
-            return Err(format!("pass `{}` has {} storage buffers", pass.name, pass.bindings.len()));
+        if pass.storage_buffers() > MOST_STORAGE_BUFFERS + usize::from(ONE_MORE.contains(&pass.name)) {
+            return Err(format!("pass `{}` has {} storage buffers", pass.name, pass.storage_buffers()));
         }
         let bound: Vec<Bound> = (0..pass.bindings.len()).map(Bound::Buffer).collect();
         for variable in reader.globals_of(function) {
@@ -353,9 +354,23 @@ fn check_binding(reader: &Reader, pass: &Pass, bound: &[Bound], variable: u32) -
             }
             frames.iter().try_for_each(|&(_, frame)| same_fields(reader, frame, &frame_fields())).map_err(of)
         }
+        (StorageClass::Uniform, 1..) => {
+            let Some(Bound::Buffer(place)) = place else { return Err(of("not in the table".into())) };
+            let binding = &pass.bindings[place];
+            let list = reader.block(variable).ok_or_else(|| of("the uniform is no block of one structure".into()))?;
+            let expected = format!("[u32x4; {LIST_VECTORS}]");
+            match same_fields(reader, list, &vec![("vectors", 0, expected)]) {
+                Ok(()) if binding.is_uniform => Ok(()),
+                Ok(()) => Err(of(format!("`{}` is no uniform in the table", binding.name))),
+                Err(error) => Err(of(format!("`{}`: {error}", binding.name))),
+            }
+        }
         (StorageClass::StorageBuffer, 1..) => {
             let Some(Bound::Buffer(place)) = place else { return Err(of("not in the table".into())) };
             let binding = &pass.bindings[place];
+            if binding.is_uniform {
+                return Err(of(format!("`{}` is a uniform in the table", binding.name)));
+            }
             let read_only = reader.has_decoration(variable, Decoration::NonWritable);
             if read_only != (binding.access == Access::Read) {
                 return Err(of(format!(

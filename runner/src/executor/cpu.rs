@@ -80,7 +80,7 @@ impl CpuExecutor {
             .map(|step| {
                 let start = Instant::now();
                 if !(is_view_kept && step.is_kept) {
-                    self.run_step(step, scene, frames);
+                    self.run_step(plan, step, scene, frames);
                 }
                 (step.pass.name, start.elapsed())
             })
@@ -89,7 +89,7 @@ impl CpuExecutor {
         times
     }
 
-    fn run_step(&mut self, step: &Planned, scene: SceneBuffers<'_>, frames: &FramePair) {
+    fn run_step(&mut self, plan: &Plan, step: &Planned, scene: SceneBuffers<'_>, frames: &FramePair) {
         // Outputs leave the map while the step runs, so that inputs can be borrowed from it.
         let mut outputs: Vec<(Place, AlignedBytes)> = step
             .slots
@@ -100,6 +100,12 @@ impl CpuExecutor {
                 Some((place, self.buffers.remove(&place)?))
             })
             .collect();
+        for slot in plan.cleared(step) {
+            let of_output = |(place, _): &&mut (Place, AlignedBytes)| Self::place(slot, self.frames) == Some(*place);
+            if let Some((_, buffer)) = outputs.iter_mut().find(of_output) {
+                buffer.bytes_mut().fill(0);
+            }
+        }
         let inputs: Vec<&[u8]> = step
             .slots
             .iter()
@@ -128,6 +134,22 @@ impl CpuExecutor {
     pub fn output_mut(&mut self, plan: &Plan, name: &str) -> Option<&mut [u8]> {
         let place = self.place_of(plan, name)?;
         Some(&mut self.buffers.get_mut(&place)?.bytes_mut()[..plan.output_bytes(name)?])
+    }
+
+    /// Fills with ones what the next frame is to write, so that whatever it leaves unwritten and reads all the same shows.
+    /// For tests.
+    pub fn poison(&mut self) {
+        self.view = View::default();
+        for (place, buffer) in &mut self.buffers {
+            let is_written = match place {
+                Place::Pool(_) => true,
+                Place::Half(_, half) => *half == self.frames & 1,
+                Place::Zero => false,
+            };
+            if is_written {
+                buffer.bytes_mut().fill(0xff);
+            }
+        }
     }
 
     /// Where an output of the last frame is.

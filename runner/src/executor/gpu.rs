@@ -13,7 +13,12 @@ mod timing;
 
 use std::{collections::VecDeque, ops::Range, time::Duration};
 
-use weir_shared::frame::FramePair;
+use glam::UVec4;
+use weir_shader::wiring::Extent;
+use weir_shared::{
+    frame::FramePair,
+    tiles::{self, Tiling},
+};
 
 pub use adapter::{AdapterChoice, AdapterFacts, Gpu, adapters, instance};
 pub use error::GpuError;
@@ -174,10 +179,13 @@ impl GpuExecutor {
     }
 
     fn record(&self, timer: Option<&Timer>, is_view_kept: bool) -> wgpu::CommandBuffer {
-        let groups = |places: u32| places.div_ceil(pipelines::WORKGROUP);
         let mut encoder =
             self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("frame") });
+        let parity = self.frames & 1;
         for (i, (step, planned)) in self.steps.iter().zip(&self.plan.steps).enumerate() {
+            for slot in self.plan.cleared(planned) {
+                encoder.clear_buffer(self.memory.buffer(slot, parity), 0, None);
+            }
             let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
                 label: Some(step.pass),
                 timestamp_writes: timer.map(|timer| timer.around(i)),
@@ -186,9 +194,17 @@ impl GpuExecutor {
                 continue;
             }
             pass.set_pipeline(&step.pipeline);
-            pass.set_bind_group(0, &step.bind_groups[self.frames & 1], &[]);
+            pass.set_bind_group(0, &step.bind_groups[parity], &[]);
             let grid = self.plan.facts.grid(step.extent);
-            pass.dispatch_workgroups(groups(grid.columns), groups(grid.rows), grid.depth);
+            if let Some(list) = planned.list() {
+                let head = size_of::<UVec4>() as u64 * u64::from(step.extent == Extent::Candidates);
+                pass.dispatch_workgroups_indirect(self.memory.buffer(list, parity), head);
+            } else if step.extent.is_listed() {
+                let tiling = Tiling::new(grid.columns, grid.rows);
+                pass.dispatch_workgroups(tiling.count(), tiling.blocks(), grid.depth);
+            } else {
+                pass.dispatch_workgroups(tiles::blocks(grid.columns), tiles::blocks(grid.rows), grid.depth);
+            }
         }
         if let Some(timer) = timer {
             timer.resolve(&mut encoder);

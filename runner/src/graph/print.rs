@@ -36,8 +36,9 @@ impl Display for Plan {
                 let arrow = if *access == Access::Read { "reads " } else { "writes" };
                 writeln!(f, "      {arrow} {name:<18} {:>3} B  {slot}", binding.stride)?;
             }
-            if step.pass.bindings.len() > PORTABLE_BUFFERS {
-                writeln!(f, "      binds {} buffers; WebGPU promises {PORTABLE_BUFFERS}", step.pass.bindings.len())?;
+            let buffers = step.pass.storage_buffers();
+            if buffers > PORTABLE_BUFFERS {
+                writeln!(f, "      binds {buffers} buffers; WebGPU promises {PORTABLE_BUFFERS}")?;
             }
         }
         for (what, reason) in self.left_out() {

@@ -26,6 +26,16 @@ pub(super) struct LightBounds {
 }
 
 impl LightBounds {
+    /// Whether two are the same to the bit.
+    pub(super) fn is(&self, other: &Self) -> bool {
+        let bits = |bounds: &Self| {
+            let [low, high] = bounds.corners;
+            let floats = [low.x, low.y, low.z, high.x, high.y, high.z, bounds.axis.x, bounds.axis.y, bounds.axis.z];
+            (floats.map(f32::to_bits), bounds.spread.to_bits(), bounds.power.to_bits())
+        };
+        bits(self) == bits(other)
+    }
+
     /// No lights.
     pub(super) const NONE: Self =
         Self { corners: [Vec3::INFINITY, Vec3::NEG_INFINITY], axis: Vec3::Z, spread: 0.0, power: 0.0 };

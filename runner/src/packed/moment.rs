@@ -5,6 +5,7 @@
 
 use std::{collections::HashMap, ops::Range, time::Instant};
 
+use bytemuck::bytes_of;
 use glam::{Mat4, Vec3};
 use weir_shared::{
     alias,
@@ -18,7 +19,7 @@ use super::{
     light_cuts,
     light_tree::{self, LightBounds},
     shape::{self, ShapeLight},
-    top_level::TopLevel,
+    top_level::{Place, TopLevel},
 };
 use crate::scene::Scene;
 
@@ -133,6 +134,10 @@ pub(super) struct Dynamics {
     tree_words: usize,
     /// Whether that tree is of the moment shown.
     is_tree_current: bool,
+    /// Bounds of the emitters, and how trees over them were brought up to date last.
+    emitters: (Vec<LightBounds>, Option<TreeUpdate>),
+    /// The light of each instance of the scene when it was placed last: its place, its emission, and its bounds.
+    lit: Vec<Option<(Mat4, Vec3, LightBounds)>>,
     /// Where light has a closed form.
     closed_form: Option<ClosedForm>,
     pub(super) is_dynamic: bool,
@@ -154,6 +159,7 @@ impl Dynamics {
         is_dynamic: bool,
         has_lights: bool,
     ) -> Self {
+        let lit = vec![None; top.len()];
         Self {
             top,
             starts,
@@ -164,6 +170,8 @@ impl Dynamics {
             drawn: Vec::new(),
             tree_words: 0,
             is_tree_current: false,
+            emitters: (Vec::new(), None),
+            lit,
             closed_form: None,
             is_dynamic,
             has_lights,
@@ -222,21 +230,37 @@ impl PackedScene {
     /// # Errors
     /// As [`PackedScene::advance`].
     pub fn show_anew(&mut self, moment: &Moment) -> Result<Vec<Changed>, PackError> {
+        let capacity = self.dynamics.capacity;
+        let rows = self.dynamics.top.capacity_rows();
+        if !self.keeps_still {
+            self.show(moment)?;
+            let first_row = self.dynamics.top.first_row + self.dynamics.half * rows;
+            return Ok(vec![
+                // Both blocks: each knows its counterparts in the other.
+                changed_words("records", 0..2 * capacity.record_words()),
+                changed_rows(first_row..first_row + rows),
+                changed_words("lights", 0..capacity.light_words()),
+            ]);
+        }
+        let first_row = self.dynamics.top.first_row + (self.dynamics.half ^ 1) * rows;
+        let records = self.records[..2 * capacity.record_words()].to_vec();
+        let lights = self.lights[..capacity.light_words()].to_vec();
+        let nodes = self.bvh[first_row..first_row + rows].to_vec();
         self.show(moment)?;
-        let (records, rows) = (self.dynamics.capacity.record_words() * 4, self.dynamics.top.capacity_rows() * 16);
-        let first_node = self.dynamics.top.first_row * 16 + self.dynamics.half * rows;
-        Ok(vec![
-            // Both blocks: each knows its counterparts in the other.
-            Changed { buffer: "records", range: 0..2 * records },
-            Changed { buffer: "bvh", range: first_node..first_node + rows },
-            Changed { buffer: "lights", range: 0..self.dynamics.capacity.light_words() * 4 },
-        ])
+        let changed = [
+            differing(&records, &self.records).map(|words| changed_words("records", words)),
+            differing(&nodes, &self.bvh[first_row..])
+                .map(|rows| changed_rows(first_row + rows.start..first_row + rows.end)),
+            differing(&lights, &self.lights).map(|words| changed_words("lights", words)),
+        ];
+        Ok(changed.into_iter().flatten().collect())
     }
 
     /// Fills the block that is not in use, and makes it this frame's.
     pub(super) fn show(&mut self, moment: &Moment) -> Result<(), PackError> {
         let drawn = self.dynamics.drawn_at(moment)?;
-        let placed = self.dynamics.top.place(&self.origins.moment(moment), &drawn)?;
+        let keeps = self.keeps_still;
+        let placed = self.dynamics.top.place(&self.origins.moment(moment), &drawn, keeps)?;
         let half = self.dynamics.half ^ 1;
         let capacity = self.dynamics.capacity;
         let block = half * capacity.record_words();
@@ -252,8 +276,8 @@ impl PackedScene {
         let (mut emitters, mut weights, mut bounds) = (Vec::new(), Vec::new(), Vec::new());
         // The power of a light of each emitter: the least and the most, and whether those of one differ.
         let (mut powers, mut has_powers) = ([f64::INFINITY, 0.0], false);
-        for (slot, (&instance, (world_from_object, object_from_world))) in
-            drawn.iter().zip(&placed.transforms).enumerate()
+        for (slot, (&instance, Place { world_from_object, object_from_world, .. })) in
+            drawn.iter().zip(&placed.places).enumerate()
         {
             let start = &self.dynamics.starts[self.dynamics.top.mesh(instance) as usize];
             let emission = emission_of.get(&instance).copied().unwrap_or(Vec3::ONE);
@@ -293,17 +317,23 @@ impl PackedScene {
             if start.light_count > 0 {
                 emitters.extend([first_light, slot as u32]);
                 let gain = f64::from(emission.element_sum() / 3.0);
-                let placed = match &start.shape {
-                    Some(shape) => {
-                        record[instance_record::RADIUS as usize] = shape::radius(world_from_object).to_bits();
-                        shape.bounds(world_from_object, gain)
-                    }
-                    None => {
+                if start.shape.is_some() {
+                    record[instance_record::RADIUS as usize] = shape::radius(world_from_object).to_bits();
+                }
+                let is_there = |(place, scale, _): &&(Mat4, Vec3, LightBounds)| {
+                    bytes_of(place) == bytes_of(world_from_object) && bytes_of(scale) == bytes_of(&emission)
+                };
+                let lit = &mut self.dynamics.lit[instance as usize];
+                let placed = match (lit.as_ref().filter(|_| keeps).filter(is_there), &start.shape) {
+                    (Some((.., known)), _) => *known,
+                    (None, Some(shape)) => shape.bounds(world_from_object, gain),
+                    (None, None) => {
                         let area_scale = f64::from(determinant.abs()).powf(2.0 / 3.0);
                         let weight = start.light_bounds.power * area_scale * gain;
                         start.light_bounds.placed(world_from_object, object_from_world, weight)
                     }
                 };
+                *lit = Some((*world_from_object, emission, placed));
                 weights.push(placed.power);
                 let of_each = placed.power / f64::from(start.light_count);
                 powers = [powers[0].min(of_each), powers[1].max(of_each)];
@@ -313,7 +343,8 @@ impl PackedScene {
             }
         }
         let order_at = block + capacity.instances * words;
-        self.records[order_at..order_at + placed.order.len()].copy_from_slice(&placed.order);
+        let order = self.dynamics.top.order();
+        self.records[order_at..order_at + order.len()].copy_from_slice(order);
         let emitters_at = order_at + capacity.instances;
         self.records[emitters_at..emitters_at + emitters.len()].copy_from_slice(&emitters);
         let guide_at = emitters_at + capacity.emitters * emitter_record::WORDS as usize;
@@ -322,37 +353,14 @@ impl PackedScene {
         if !weights.iter().any(|&w| w > 0.0) {
             weights.fill(1.0);
         }
-        let start = Instant::now();
-        let table = alias::build(&weights).unwrap_or_default();
-        self.lights[..table.len()].copy_from_slice(&table);
-        self.light_costs.table.update = start.elapsed();
-        let start = Instant::now();
         let tree_at = capacity.table_words();
-        let can_refit = self.dynamics.is_tree_current && drawn == self.dynamics.drawn;
-        match self.tree_update.filter(|_| capacity.has_tree) {
-            Some(TreeUpdate::Refit) if can_refit => {
-                light_tree::refit(&mut self.lights[tree_at..][..self.dynamics.tree_words], &bounds);
-            }
-            Some(_) => {
-                let (tree, _) = light_tree::build(&bounds);
-                self.lights[tree_at..][..tree.len()].copy_from_slice(&tree);
-                self.dynamics.tree_words = tree.len();
-            }
-            None => {}
-        }
-        self.dynamics.is_tree_current = capacity.has_tree && self.tree_update.is_some();
-        self.light_costs.tree.update = start.elapsed();
         let cuts_at = tree_at + capacity.tree_words();
-        if capacity.has_cuts {
-            let start = Instant::now();
-            let cuts = light_cuts::build(&bounds);
-            self.lights[cuts_at..][..cuts.len()].copy_from_slice(&cuts);
-            self.light_costs.cuts.update = start.elapsed();
-        }
+        self.choose_lights_by(&weights, bounds, drawn == self.dynamics.drawn);
         self.frame.light_tree_at = tree_at as u32;
         self.frame.light_cuts_at = cuts_at as u32;
         let first_row = self.dynamics.top.first_row + half * self.dynamics.top.capacity_rows();
-        self.bvh[first_row..first_row + placed.nodes.len()].copy_from_slice(&placed.nodes);
+        let nodes = self.dynamics.top.nodes();
+        self.bvh[first_row..first_row + nodes.len()].copy_from_slice(nodes);
 
         self.link(half, &drawn);
         self.frame.instances_at = block as u32;
@@ -373,6 +381,53 @@ impl PackedScene {
         self.dynamics.shown = Some(moment.clone());
         self.dynamics.drawn = drawn;
         Ok(())
+    }
+
+    /// Brings the table over emitters and the trees over them up to date: their weights, their bounds, and whether they are of
+    /// the instances that were drawn before.
+    fn choose_lights_by(&mut self, weights: &[f64], bounds: Vec<LightBounds>, is_drawn_alike: bool) {
+        let capacity = self.dynamics.capacity;
+        let update = self.tree_update.filter(|_| capacity.has_tree);
+        let (before, updated) = &self.dynamics.emitters;
+        let is_same = |(a, b): (&LightBounds, &LightBounds)| a.is(b);
+        let stands = self.keeps_still
+            && self.dynamics.shown.is_some()
+            && before.len() == bounds.len()
+            && before.iter().zip(&bounds).all(is_same);
+        // A tree that is fitted to its lights again stays as it is, one that was built need not.
+        let keeps_tree = stands && self.dynamics.is_tree_current && *updated == update;
+        let start = Instant::now();
+        if !stands {
+            let table = alias::build(weights).unwrap_or_default();
+            self.lights[..table.len()].copy_from_slice(&table);
+        }
+        self.light_costs.table.update = start.elapsed();
+        let start = Instant::now();
+        let tree_at = capacity.table_words();
+        let mut done = update;
+        match update.filter(|_| !keeps_tree) {
+            Some(TreeUpdate::Refit) if self.dynamics.is_tree_current && is_drawn_alike => {
+                light_tree::refit(&mut self.lights[tree_at..][..self.dynamics.tree_words], &bounds);
+            }
+            Some(_) => {
+                let (tree, _) = light_tree::build(&bounds);
+                self.lights[tree_at..][..tree.len()].copy_from_slice(&tree);
+                self.dynamics.tree_words = tree.len();
+                done = Some(TreeUpdate::Rebuild);
+            }
+            None => {}
+        }
+        self.dynamics.is_tree_current = update.is_some();
+        self.light_costs.tree.update = start.elapsed();
+        if capacity.has_cuts {
+            let start = Instant::now();
+            if !stands {
+                let cuts = light_cuts::build(&bounds);
+                self.lights[tree_at + capacity.tree_words()..][..cuts.len()].copy_from_slice(&cuts);
+            }
+            self.light_costs.cuts.update = start.elapsed();
+        }
+        self.dynamics.emitters = (bounds, done);
     }
 
     /// Finds out where light has a closed form, of what is shown.
@@ -410,6 +465,22 @@ impl PackedScene {
             }
         }
     }
+}
+
+fn changed_words(buffer: &'static str, words: Range<usize>) -> Changed {
+    Changed { buffer, range: 4 * words.start..4 * words.end }
+}
+
+fn changed_rows(rows: Range<usize>) -> Changed {
+    Changed { buffer: "bvh", range: 16 * rows.start..16 * rows.end }
+}
+
+/// From the first element that differs to the last; `now` may be longer.
+fn differing<T: PartialEq>(before: &[T], now: &[T]) -> Option<Range<usize>> {
+    let differs = |(a, b): (&T, &T)| a != b;
+    let first = before.iter().zip(now).position(differs)?;
+    let last = before.iter().zip(&now[..before.len()]).rposition(differs)?;
+    Some(first..last + 1)
 }
 
 /// The guide to emitters, whose records are given, and the size of its buckets as a power of two: the smallest with which

@@ -1,3 +1,4 @@
+use bytemuck::{bytes_of, cast_slice, cast_slice_mut};
 use glam::{Mat4, Vec3};
 use weir_shared::{
     bvh::{PortableTests, closest_hit, closest_hit_with, unoccluded, unoccluded_with},
@@ -9,7 +10,7 @@ use weir_shared::{
 };
 
 use super::*;
-use crate::scene::{Instance, Mesh, Motion};
+use crate::scene::{Instance, Mesh, Motion, Shape};
 
 /// Numbers in -1..1.
 fn signed(i: u32, j: u32) -> [f32; 4] {
@@ -280,6 +281,99 @@ fn light_ids_translate_both_ways_when_instances_come_go_and_change_order() {
     assert_eq!(third.instances_at, prev.instances_at);
     assert_eq!(light::translate(&third, &now, &view, 19 * 30 + 4), 2 * 30 + 4);
     assert_eq!(light::translate(&third, &now, &view, 5 * 30), light::NO_LIGHT);
+}
+
+/// What stands still is left as it is: buffers are those of a scene that is brought up to date as a whole, and the parts said
+/// to have changed are all that a copy needs to stay equal.
+#[test]
+fn what_stands_still_is_left_as_it_is_and_no_bit_differs() {
+    let mut scene = row_of_soups();
+    scene.instances[4].motion = Motion::Turn { center: Vec3::X * 16.0, axis: Vec3::Y, turns_per_second: 0.1 };
+    // A shape among them, which no ray finds.
+    let shape = Shape::Sphere;
+    scene.meshes.push(Mesh { name: "lamp".into(), materials: vec![1], shape, ..Mesh::default() });
+    scene.instances[2].mesh = 1;
+    for update in [Some(TreeUpdate::Rebuild), Some(TreeUpdate::Refit), None] {
+        let options = PackOptions { dynamic: true, light_cuts: true, ..PackOptions::default() };
+        let pack = || PackedScene::with(&scene, &Moment::default(), options).expect("packs");
+        let (mut keeping, mut plain) = (pack(), pack());
+        (keeping.tree_update, plain.tree_update, plain.keeps_still) = (update, update, false);
+        let mut copy = (keeping.records.clone(), keeping.bvh.clone(), keeping.lights.clone());
+        let place = |i: u32, y: f32| (i, Mat4::from_translation(Vec3::new(4.0 * i as f32, y, 0.0)));
+        let dim = |i: u32, by: f32| (i, Vec3::splat(by));
+        for (number, (time_s, placed, emission, drawn)) in [
+            (0.0, vec![], vec![], None),
+            (0.0, vec![], vec![], None),
+            (0.0, vec![], vec![dim(2, 0.5)], None),
+            (0.0, vec![], vec![dim(2, 0.25)], None),
+            (1.0, vec![], vec![dim(2, 0.25)], None),
+            (1.0, vec![place(7, 1.0)], vec![], None),
+            (1.0, vec![place(7, 1.5), place(2, 0.5)], vec![dim(7, 0.0)], None),
+            (1.0, vec![place(7, 1.5)], vec![], Some(vec![7, 3, 19, 0])),
+            (1.0, vec![place(7, 1.5)], vec![], Some(vec![7, 3, 19, 0])),
+            (2.0, vec![], vec![], Some(vec![])),
+            (2.0, vec![], vec![], None),
+            (2.0, vec![], vec![], None),
+        ]
+        .into_iter()
+        .enumerate()
+        {
+            let moment = Moment { time_s, placed, emission, drawn };
+            let changed = keeping.show_anew(&moment).expect("shown");
+            plain.show_anew(&moment).expect("shown");
+            assert_eq!(bytes_of(&keeping.frame), bytes_of(&plain.frame), "{update:?}, {number}");
+            assert!(keeping.records == plain.records, "{update:?}, {number}");
+            assert!(keeping.bvh == plain.bvh, "{update:?}, {number}");
+            assert!(keeping.lights == plain.lights, "{update:?}, {number}");
+            for Changed { buffer, range } in changed {
+                let (to, from): (&mut [u8], &[u8]) = match buffer {
+                    "records" => (cast_slice_mut(&mut copy.0), cast_slice(&keeping.records)),
+                    "bvh" => (cast_slice_mut(&mut copy.1), cast_slice(&keeping.bvh)),
+                    _ => (cast_slice_mut(&mut copy.2), cast_slice(&keeping.lights)),
+                };
+                to[range.clone()].copy_from_slice(&from[range]);
+            }
+            assert!(copy == (keeping.records.clone(), keeping.bvh.clone(), keeping.lights.clone()), "{number}");
+        }
+    }
+}
+
+/// How many bytes of each buffer change once both blocks have seen the same: of records one instance's, of the top level
+/// nothing while rays find nothing moved, of what lights are chosen by nothing while none of them has changed.
+#[test]
+fn what_changes_of_a_scene_is_no_more_than_what_moves() {
+    let mut scene = row_of_soups();
+    // The last ones emit nothing.
+    let mut dark = scene.meshes[0].clone();
+    dark.materials.fill(scene.materials.len() as u32);
+    scene.materials.push(Material::default());
+    scene.meshes.push(dark);
+    scene.instances[19].mesh = 1;
+    let settle = |packed: &mut PackedScene| {
+        for _ in 0..2 {
+            packed.show_anew(&Moment::default()).expect("shown");
+        }
+    };
+    let mut packed = PackedScene::dynamic(&scene, &Moment::default()).expect("packs");
+    settle(&mut packed);
+    let bytes = |packed: &mut PackedScene, moment: &Moment| {
+        let changed = packed.show_anew(moment).expect("shown");
+        ["records", "bvh", "lights"]
+            .map(|name| changed.iter().filter(|c| c.buffer == name).map(|c| c.range.len()).sum::<usize>())
+    };
+    assert_eq!(bytes(&mut packed, &Moment::default()), [0; 3]);
+    let of_instance = instance_record::WORDS as usize * 4;
+    let moved = Moment { placed: vec![(19, Mat4::from_translation(Vec3::Y * 9.0))], ..Moment::default() };
+    let [records, bvh, lights] = bytes(&mut packed, &moved);
+    assert!(records <= 4 * 20 + of_instance && records > 0 && bvh > 0 && lights == 0, "{records} {bvh} {lights}");
+    settle(&mut packed);
+    let dimmed = Moment { emission: vec![(3, Vec3::splat(0.5))], ..Moment::default() };
+    let [records, bvh, lights] = bytes(&mut packed, &dimmed);
+    assert!(records <= of_instance && records > 0 && bvh == 0 && lights > 0, "{records} {bvh} {lights}");
+    // All of it without the rule.
+    packed.keeps_still = false;
+    let all = bytes(&mut packed, &Moment::default());
+    assert!(all[0] > 20 * of_instance && all[1] > 0 && all[2] > 0, "{all:?}");
 }
 
 #[test]

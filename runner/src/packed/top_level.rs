@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use bytemuck::bytes_of;
 use glam::{Mat4, UVec4, Vec3};
 use obvhs::aabb::Aabb;
 
@@ -16,15 +17,36 @@ pub(super) struct TopLevel {
     are_found: Vec<bool>,
     /// Row of `bvh` where the nodes of the first block start.
     pub(super) first_row: usize,
+    /// Where each instance was when it was placed last.
+    places: Vec<Option<Place>>,
+    /// The structure over those that were drawn last.
+    over: Over,
+}
+
+/// Where an instance is.
+#[derive(Clone, Copy)]
+pub(super) struct Place {
+    pub(super) world_from_object: Mat4,
+    pub(super) object_from_world: Mat4,
+    /// A box in world space that holds whatever rays can hit of it.
+    bounds: [Vec3; 2],
+}
+
+/// An acceleration structure over instances.
+#[derive(Default)]
+struct Over {
+    /// What it was built from: number in the order that is drawn, and box.
+    boxes: Vec<(u32, [Vec3; 2])>,
+    /// Instance of each leaf.
+    order: Vec<u32>,
+    nodes: Vec<UVec4>,
 }
 
 /// The instances at one moment.
 pub(super) struct Placed {
-    /// To world space, and back.
-    pub(super) transforms: Vec<(Mat4, Mat4)>,
-    /// Instance of each leaf.
-    pub(super) order: Vec<u32>,
-    pub(super) nodes: Vec<UVec4>,
+    /// Of each that is drawn.
+    pub(super) places: Vec<Place>,
+    /// Around all that rays find.
     pub(super) bounds: [Vec3; 2],
 }
 
@@ -35,7 +57,8 @@ impl TopLevel {
         are_found: Vec<bool>,
         first_row: usize,
     ) -> Self {
-        Self { instances, bounds, are_found, first_row }
+        let places = vec![None; instances.len()];
+        Self { instances, bounds, are_found, first_row, places, over: Over::default() }
     }
 
     /// Number of instances, also of those with nothing to see.
@@ -89,50 +112,91 @@ impl TopLevel {
         self.instances.len().max(1) * 5
     }
 
-    /// Places the instances `drawn`, by the moment's transform where it has one.
-    pub(super) fn place(&self, moment: &Moment, drawn: &[u32]) -> Result<Placed, PackError> {
+    /// Places the instances `drawn`, by the moment's transform where it has one. What has not moved since the last call stays
+    /// as it was found out then, if `keeps`; the result is the same.
+    pub(super) fn place(&mut self, moment: &Moment, drawn: &[u32], keeps: bool) -> Result<Placed, PackError> {
         let time_s = moment.time_s;
         let placed_at: HashMap<u32, Mat4> = moment.placed.iter().copied().collect();
-        let mut transforms = Vec::with_capacity(drawn.len());
-        let (mut boxes, mut slots) = (Vec::with_capacity(drawn.len()), Vec::with_capacity(drawn.len()));
+        let mut places = Vec::with_capacity(drawn.len());
+        let mut boxes = Vec::with_capacity(drawn.len());
         let mut bounds = [Vec3::splat(f32::INFINITY), Vec3::splat(f32::NEG_INFINITY)];
         for (slot, &i) in (0..).zip(drawn) {
             let instance = &self.instances[i as usize];
-            let [lower, upper] = self.bounds[instance.mesh as usize];
             let own = || instance.world_from_object_at(time_s);
             let world_from_object = placed_at.get(&i).copied().unwrap_or_else(own);
-            let object_from_world = world_from_object.inverse();
-            if !object_from_world.is_finite() || world_from_object.determinant() == 0.0 {
-                return Err(PackError::Singular { instance: i as usize, time_s });
+            let is_there = |known: &&Place| bytes_of(&known.world_from_object) == bytes_of(&world_from_object);
+            let place = match self.places[i as usize].as_ref().filter(|_| keeps).filter(is_there) {
+                Some(known) => *known,
+                None => Place::new(world_from_object, self.bounds[instance.mesh as usize])
+                    .ok_or(PackError::Singular { instance: i as usize, time_s })?,
+            };
+            self.places[i as usize] = Some(place);
+            places.push(place);
+            if self.are_found[instance.mesh as usize] {
+                bounds = [bounds[0].min(place.bounds[0]), bounds[1].max(place.bounds[1])];
+                boxes.push((slot, place.bounds));
             }
-            transforms.push((world_from_object, object_from_world));
-            if !self.are_found[instance.mesh as usize] {
-                continue;
-            }
-            slots.push(slot);
-            let corners = (0..8).map(|corner| {
-                let pick = |bit: usize, axis: usize| if corner >> bit & 1 == 0 { lower[axis] } else { upper[axis] };
-                world_from_object.transform_point3(Vec3::new(pick(0, 0), pick(1, 1), pick(2, 2)))
-            });
-            let mut extent = [Vec3::splat(f32::INFINITY), Vec3::splat(f32::NEG_INFINITY)];
-            for corner in corners {
-                extent = [extent[0].min(corner), extent[1].max(corner)];
-            }
-            // A ray is transformed with rounding errors: the box must hold what it can still hit.
-            let margin = (extent[0].abs().max(extent[1].abs()).max_element()
-                + world_from_object.w_axis.truncate().abs().max_element())
-                * 1e-6;
-            extent = [extent[0] - margin, extent[1] + margin];
-            bounds = [bounds[0].min(extent[0]), bounds[1].max(extent[1])];
-            boxes.push(Aabb::new(extent[0].into(), extent[1].into()));
         }
         if boxes.is_empty() {
-            // No children at all: every ray misses.
-            return Ok(Placed { transforms, order: Vec::new(), nodes: vec![UVec4::ZERO; 5], bounds: [Vec3::ZERO; 2] });
+            bounds = [Vec3::ZERO; 2];
         }
-        let tree = tree::build(&boxes, false);
+        if !keeps || !self.over.is_of(&boxes) {
+            self.over = Over::new(boxes);
+        }
+        Ok(Placed { places, bounds })
+    }
+
+    /// The instance of each leaf of the structure over those that were placed last, by number in the order that is drawn.
+    pub(super) fn order(&self) -> &[u32] {
+        &self.over.order
+    }
+
+    /// Nodes of that structure.
+    pub(super) fn nodes(&self) -> &[UVec4] {
+        &self.over.nodes
+    }
+}
+
+impl Place {
+    /// A mesh with the given bounds in object space; nothing if the transform has no inverse.
+    fn new(world_from_object: Mat4, [lower, upper]: [Vec3; 2]) -> Option<Self> {
+        let object_from_world = world_from_object.inverse();
+        if !object_from_world.is_finite() || world_from_object.determinant() == 0.0 {
+            return None;
+        }
+        let corners = (0..8).map(|corner| {
+            let pick = |bit: usize, axis: usize| if corner >> bit & 1 == 0 { lower[axis] } else { upper[axis] };
+            world_from_object.transform_point3(Vec3::new(pick(0, 0), pick(1, 1), pick(2, 2)))
+        });
+        let mut extent = [Vec3::splat(f32::INFINITY), Vec3::splat(f32::NEG_INFINITY)];
+        for corner in corners {
+            extent = [extent[0].min(corner), extent[1].max(corner)];
+        }
+        // A ray is transformed with rounding errors: the box must hold what it can still hit.
+        let margin = (extent[0].abs().max(extent[1].abs()).max_element()
+            + world_from_object.w_axis.truncate().abs().max_element())
+            * 1e-6;
+        Some(Self { world_from_object, object_from_world, bounds: [extent[0] - margin, extent[1] + margin] })
+    }
+}
+
+impl Over {
+    fn new(boxes: Vec<(u32, [Vec3; 2])>) -> Self {
+        if boxes.is_empty() {
+            // No children at all: every ray misses.
+            return Self { boxes, order: Vec::new(), nodes: vec![UVec4::ZERO; 5] };
+        }
+        let corners: Vec<Aabb> =
+            boxes.iter().map(|(_, [low, high])| Aabb::new((*low).into(), (*high).into())).collect();
+        let tree = tree::build(&corners, false);
         let nodes = tree.nodes.iter().flat_map(tree::rows).collect();
-        let order = tree.primitive_indices.iter().map(|&leaf| slots[leaf as usize]).collect();
-        Ok(Placed { transforms, order, nodes, bounds })
+        let order = tree.primitive_indices.iter().map(|&leaf| boxes[leaf as usize].0).collect();
+        Self { boxes, order, nodes }
+    }
+
+    /// Whether it was built from these, to the bit.
+    fn is_of(&self, boxes: &[(u32, [Vec3; 2])]) -> bool {
+        let is_same = |(a, b): (&(u32, [Vec3; 2]), &(u32, [Vec3; 2]))| a.0 == b.0 && bytes_of(&a.1) == bytes_of(&b.1);
+        !self.nodes.is_empty() && self.boxes.len() == boxes.len() && self.boxes.iter().zip(boxes).all(is_same)
     }
 }

@@ -518,5 +518,11 @@ pub const KNOBS: &[Knob] = &[
     skip!("unlit", Unlit, "shadow rays of reuse to lights that face away, or that the surface faces away from"),
     skip!("trees", Trees, "light trees, where no candidate comes down one"),
     skip!("updates", Updates, "light tables, trees and uploads for a frame that shows the moment of the last"),
+    skip!(
+        "still",
+        Still,
+        "the same for what stands still: places, tables and trees over lights that have not changed, top level and uploads"
+    ),
     skip!("primary", Primary, "camera rays of a frame that sees what the last two have seen, with `camera.jitter=off`"),
+    skip!("tiles", Tiles, "tiles of 8x8 pixels, or more, in which no pixel has light to sample"),
 ];

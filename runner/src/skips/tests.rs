@@ -148,11 +148,16 @@ fn every_rule_for_passes_leaves_out_what_it_says() {
 
     let mut packed = packed;
     let camera = built_in("cornell").camera.expect("it has one");
-    for (knobs, uploads) in [(&[] as &[&str], 0), (&["skip.updates=off"], 3)] {
+    for (knobs, uploads) in
+        [(&[] as &[&str], 0), (&["skip.updates=off"], 0), (&["skip.updates=off", "skip.still=off"], 3)]
+    {
         let request = Request::new(camera, [8, 8], Technique::RealTime, settings(knobs));
         let mut sequence = Sequence::new(&mut packed, request);
         let shot = sequence.shot(0);
-        sequence.next(&shot).expect("a frame");
+        // Into both blocks.
+        for _ in 0..2 {
+            sequence.next(&shot).expect("a frame");
+        }
         assert_eq!(sequence.next(&shot).expect("a frame").1.len(), uploads);
     }
 }
@@ -167,13 +172,18 @@ fn what_frames_do_without_is_listed() {
         (Rule::Trees, "light trees"),
         (Rule::Updates, "updates"),
         (Rule::Primary, "camera rays"),
+        (Rule::Tiles, "tiles"),
     ] {
         let is_listed = |skips| plan_of(skips, knobs, &packed).left_out().iter().any(|(said, _)| *said == what);
         assert!(is_listed(Skips::default()), "{what}");
         assert!(!is_listed(Skips::default().with(rule, false)), "{what}");
     }
     let moving = PackedScene::new(&built_in("park"), 0.0).expect("it fits");
-    assert!(plan_of(Skips::default(), &[], &moving).facts.spared.is_empty());
+    let spared = |skips| plan_of(skips, &[], &moving).facts.spared;
+    let still = ("updates", "of what stands still");
+    assert_eq!(spared(Skips::default()).len(), 2);
+    assert!(spared(Skips::default()).contains(&still));
+    assert!(!spared(Skips::default().with(Rule::Still, false)).contains(&still));
     let lacks = packed.content.lacks();
     assert!(
         lacks.contains(&"images") && lacks.contains(&"motion") && !lacks.contains(&"triangles or shapes that emit")
@@ -512,6 +522,66 @@ fn camera_rays_are_left_out_while_the_camera_sees_the_same() {
                 let [surfaces, emitted, _] = last(knobs, technique, change, true);
                 let stays = (surfaces[..16] == [0x3f; 16], emitted[..16] == [0x3f; 16]);
                 assert_eq!(stays, (is_kept, is_kept), "{technique}, {change:?}, {knobs:?}");
+            }
+        }
+    }
+}
+
+/// Of tiles without work nothing is written, and whatever is there is read by none: pictures with memory full of ones
+/// before each frame, in any order, are those of memory full of zeros and of all tiles.
+#[test]
+fn what_is_left_unwritten_in_tiles_without_work_is_never_read() {
+    // Pixels that are settled, sky, or neither, each in tiles of their own and beside each other.
+    let cornell = built_in("cornell");
+    let mut outside = cornell.camera.expect("a camera");
+    outside.origin += (outside.origin - outside.target).normalize() * 1.5;
+    let studio = built_in("studio");
+    for (scene, camera) in [(&cornell, outside), (&studio, studio.camera.expect("a camera"))] {
+        for (technique, knobs) in [
+            (Technique::RealTime, &[] as &[&str]),
+            (Technique::RealTime, &["rays=quality", "reservoirs.count=2", "reuse.neighbors=paired"]),
+            (Technique::RealTime, &["camera.jitter=off", "preset=paper", "spatial.rounds=2"]),
+            (Technique::RealTime, &["reuse.resolution=checkerboard", "spatial.rounds=1", "rays=speed"]),
+            (Technique::Still, &["reuse.mis=balance"]),
+            (Technique::Candidates, &["reservoirs.choice=inversion", "reservoirs.count=2"]),
+        ] {
+            let draw = |rule: &str, order: Order, poisons: bool| {
+                let mut settings = settings(knobs);
+                settings.apply(&format!("skip.tiles={rule}")).expect("a knob");
+                let options = PackOptions::of(&settings);
+                let mut packed = PackedScene::with(scene, &Moment::default(), options).expect("it fits");
+                let facts = facts_of(&packed, 100, 60, &settings);
+                let outputs: &[&str] = if rule == "on" { &["moments", "tiles"] } else { &["moments"] };
+                let plan = direct_light(technique, &settings, &facts, ToneCurve::default(), outputs).expect("a frame");
+                let mut executor = CpuExecutor::new(&plan);
+                executor.order = order;
+                let mut sequence = Sequence::new(&mut packed, Request::new(camera, [100, 60], technique, settings));
+                for number in 0..3 {
+                    let mut shot = sequence.shot(number);
+                    shot.camera.origin += Vec3::X * 0.05 * number as f32;
+                    let (mut frames, _) = sequence.next(&shot).expect("a frame");
+                    if technique != Technique::RealTime {
+                        frames.now.accumulated = number;
+                    }
+                    if poisons {
+                        executor.poison();
+                    }
+                    executor.run(&plan, sequence.packed().buffers(), &frames);
+                }
+                let listed = executor.output(&plan, "tiles").map(|list| bytemuck::cast_slice::<u8, u32>(list)[0]);
+                (executor.output(&plan, "moments").expect("an output").to_vec(), listed)
+            };
+            let (expected, _) = draw("off", Order::default(), false);
+            for (order, poisons) in [
+                (Order::default(), false),
+                (Order::default(), true),
+                (Order { band_rows: 3, backwards: true }, true),
+                (Order { band_rows: 60, backwards: false }, true),
+            ] {
+                let (picture, listed) = draw("on", order, poisons);
+                let listed = listed.expect("an output");
+                assert!((1..13 * 8).contains(&listed), "{technique}, {knobs:?}: {listed} tiles of 104");
+                assert!(picture == expected, "{technique}, {knobs:?}, {order:?}, {poisons}");
             }
         }
     }

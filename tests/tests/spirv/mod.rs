@@ -183,9 +183,14 @@ impl<'a> Reader<'a> {
             Op::TypeInt => "u32".into(),
             Op::TypeFloat => "f32".into(),
             Op::TypeVector => format!("{}x{}", element(0), definition.operands[1].unwrap_literal_bit32()),
-            Op::TypeArray if self.decoration(id, Decoration::ArrayStride) == Some(4) => {
+            Op::TypeArray => {
                 let length = self.definitions[&definition.operands[1].unwrap_id_ref()];
-                format!("[{}; {}]", element(0), length.operands[0].unwrap_literal_bit32())
+                let (element, length) = (element(0), length.operands[0].unwrap_literal_bit32());
+                let dense = if element.ends_with("x4") { 16 } else { 4 };
+                match self.decoration(id, Decoration::ArrayStride) {
+                    Some(stride) if stride == dense => format!("[{element}; {length}]"),
+                    stride => format!("[{element}; {length}] of stride {stride:?}"),
+                }
             }
             other => format!("{other:?}"),
         }

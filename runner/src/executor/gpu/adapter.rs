@@ -61,7 +61,10 @@ pub struct AdapterFacts {
 
 /// The instance, as the variables `WGPU_BACKEND`, `WGPU_VALIDATION`, `WGPU_DEBUG` and their kin ask for it.
 pub fn instance() -> wgpu::Instance {
-    wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle_from_env())
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
+    // A pass of wgpu's own before each: numbers of workgroups are written by a pass that bounds them.
+    descriptor.flags.remove(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
+    wgpu::Instance::new(descriptor)
 }
 
 /// All adapters that can run compute passes, the one that [`AdapterChoice::Best`] takes first.
@@ -74,7 +77,7 @@ async fn ranked(instance: &wgpu::Instance, surface: Option<&wgpu::Surface<'_>>) 
     found.retain(|adapter| {
         let flags = adapter.get_downlevel_capabilities().flags;
         let shows = surface.is_none_or(|surface| adapter.is_surface_supported(surface));
-        flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS) && shows
+        flags.contains(wgpu::DownlevelFlags::COMPUTE_SHADERS | wgpu::DownlevelFlags::INDIRECT_EXECUTION) && shows
     });
     // Stable: among equals, the system's order.
     found.sort_by_key(|adapter| match adapter.get_info().device_type {

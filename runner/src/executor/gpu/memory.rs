@@ -43,7 +43,10 @@ impl GpuScene {
         let mut buffers = BTreeMap::new();
         for name in SceneBuffers::NAMES {
             let bytes = scene.bytes(name);
-            let buffer = storage(gpu, name, bytes.len() as u64).await?;
+            // Acceleration structures are built from it.
+            let is_input = name == "triangles" && gpu.facts.ray_queries.is_ok();
+            let usage = if is_input { wgpu::BufferUsages::BLAS_INPUT } else { wgpu::BufferUsages::empty() };
+            let buffer = storage(gpu, name, bytes.len() as u64, usage).await?;
             upload(gpu, &buffer, bytes);
             gpu.check()?;
             buffers.insert(name, (buffer, bytes.len() as u64));
@@ -155,15 +158,22 @@ impl Memory {
         }
         fits(gpu, &of_image("zeros"), plan.zero_bytes, "render at a smaller size")?;
 
+        let bound = plan.steps.iter().flat_map(|step| step.pass.bindings.iter().zip(&step.slots));
+        let uniforms: Vec<Slot> = bound.filter(|(b, _)| b.is_uniform).map(|(_, (_, slot))| *slot).collect();
+        let usage_of = |slot: Slot| match uniforms.contains(&slot) {
+            true => wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::INDIRECT,
+            false => wgpu::BufferUsages::empty(),
+        };
         let mut pool = Vec::new();
         for (i, &bytes) in plan.pool.iter().enumerate() {
-            pool.push(storage(gpu, &format!("pool {i}"), bytes).await?);
+            pool.push(storage(gpu, &format!("pool {i}"), bytes, usage_of(Slot::Pool(i))).await?);
         }
         let mut history = Vec::new();
         for h in &plan.history {
-            history.push([storage(gpu, h.name, h.bytes).await?, storage(gpu, h.name, h.bytes).await?]);
+            let half = || storage(gpu, h.name, h.bytes, wgpu::BufferUsages::empty());
+            history.push([half().await?, half().await?]);
         }
-        let zero = storage(gpu, "zeros", plan.zero_bytes).await?;
+        let zero = storage(gpu, "zeros", plan.zero_bytes, usage_of(Slot::Zero)).await?;
         Ok(Self { scene, pool, history, zero })
     }
 
@@ -202,10 +212,7 @@ fn fits(gpu: &Gpu, buffer: &str, bytes: u64, remedy: &'static str) -> Result<(),
 }
 
 /// A buffer of zeros that passes can bind and that can be copied from.
-async fn storage(gpu: &Gpu, label: &str, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
-    // Acceleration structures are built from it.
-    let is_input = label == "triangles" && gpu.facts.ray_queries.is_ok();
-    let more = if is_input { wgpu::BufferUsages::BLAS_INPUT } else { wgpu::BufferUsages::empty() };
+async fn storage(gpu: &Gpu, label: &str, bytes: u64, more: wgpu::BufferUsages) -> Result<wgpu::Buffer, GpuError> {
     gpu.guarded(|| {
         gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),

@@ -3,7 +3,10 @@
 use std::{borrow::Cow, collections::HashMap};
 
 use weir_shader::wiring::{Access, Extent};
-use weir_shared::frame::FramePair;
+use weir_shared::{
+    frame::FramePair,
+    tiles::{BLOCK, TileList},
+};
 
 use super::{
     Gpu, GpuError, Traced,
@@ -11,9 +14,6 @@ use super::{
     queries::{Acceleration, Bound, NODES, bound_with_queries},
 };
 use crate::graph::{Plan, Planned};
-
-/// Pixels in a row and in a column of a workgroup; entry points say the same.
-pub(super) const WORKGROUP: u32 = 8;
 
 /// Bytes from the uniform of one round to that of the next.
 pub(super) fn uniform_stride(gpu: &Gpu) -> u64 {
@@ -125,7 +125,7 @@ pub(super) async fn compile(
 ) -> Result<Vec<Compiled>, GpuError> {
     let limit = gpu.device.limits().max_storage_buffers_per_shader_stage;
     for pass in plan.steps.iter().map(|s| s.pass) {
-        let count = pass.bindings.len();
+        let count = pass.storage_buffers();
         if count > limit as usize {
             return Err(GpuError::TooManyBuffers { pass: pass.name, count, limit, adapter: gpu.facts.name.clone() });
         }
@@ -163,10 +163,9 @@ async fn module_for(
         return Ok(read);
     }
     // wgpu doesn't read the module, so it has to be told what it offers.
-    let offered = entry_points.iter().map(|name| wgpu::PassthroughShaderEntryPoint {
-        name: (*name).into(),
-        workgroup_size: (WORKGROUP, WORKGROUP, 1),
-    });
+    let offered = entry_points
+        .iter()
+        .map(|name| wgpu::PassthroughShaderEntryPoint { name: (*name).into(), workgroup_size: (BLOCK, BLOCK, 1) });
     let descriptor = wgpu::ShaderModuleDescriptorPassthrough {
         label,
         entry_points: offered.collect(),
@@ -239,6 +238,11 @@ fn bind_groups(
             size: wgpu::BufferSize::new(size_of::<FramePair>() as u64),
         });
         let buffers = bound.iter().map(|bound| match *bound {
+            Bound::Buffer(i) if step.pass.bindings[i].is_uniform => {
+                let size = wgpu::BufferSize::new(size_of::<TileList>() as u64);
+                let buffer = memory.buffer(step.slots[i].1, parity);
+                wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size })
+            }
             Bound::Buffer(i) => memory.buffer(step.slots[i].1, parity).as_entire_binding(),
             Bound::Top(block) => tops.expect("acceleration structures were built")[block].as_binding(),
         });
@@ -268,6 +272,9 @@ fn layout(gpu: &Gpu, step: &Planned, bound: &[Bound]) -> wgpu::BindGroupLayout {
         count: None,
     };
     let others = bound.iter().zip(1..).map(|(bound, number)| match *bound {
+        Bound::Buffer(i) if step.pass.bindings[i].is_uniform => {
+            entry(number, wgpu::BufferBindingType::Uniform, size_of::<TileList>())
+        }
         Bound::Buffer(i) => {
             let binding = &step.pass.bindings[i];
             let read_only = binding.access == Access::Read;
