@@ -6,7 +6,7 @@
 use std::{collections::HashMap, ops::Range, time::Instant};
 
 use bytemuck::bytes_of;
-use glam::{Mat4, Vec3};
+use glam::{Mat4, UVec4, Vec3};
 use weir_shared::{
     alias,
     closed_form::NO_TREES,
@@ -138,10 +138,32 @@ pub(super) struct Dynamics {
     emitters: (Vec<LightBounds>, Option<TreeUpdate>),
     /// The light of each instance of the scene when it was placed last: its place, its emission, and its bounds.
     lit: Vec<Option<(Mat4, Vec3, LightBounds)>>,
+    /// Memory for the comparison that tells what has changed.
+    before: Before,
     /// Where light has a closed form.
     closed_form: Option<ClosedForm>,
     pub(super) is_dynamic: bool,
     pub(super) has_lights: bool,
+}
+
+/// What a moment may overwrite, as it was.
+#[derive(Default)]
+struct Before {
+    records: Vec<u32>,
+    lights: Vec<u32>,
+    nodes: Vec<UVec4>,
+}
+
+impl Before {
+    fn of(mut self, records: &[u32], lights: &[u32], nodes: &[UVec4]) -> Self {
+        self.records.clear();
+        self.records.extend_from_slice(records);
+        self.lights.clear();
+        self.lights.extend_from_slice(lights);
+        self.nodes.clear();
+        self.nodes.extend_from_slice(nodes);
+        self
+    }
 }
 
 /// Where light has a closed form, at one moment.
@@ -172,6 +194,7 @@ impl Dynamics {
             is_tree_current: false,
             emitters: (Vec::new(), None),
             lit,
+            before: Before::default(),
             closed_form: None,
             is_dynamic,
             has_lights,
@@ -243,16 +266,20 @@ impl PackedScene {
             ]);
         }
         let first_row = self.dynamics.top.first_row + (self.dynamics.half ^ 1) * rows;
-        let records = self.records[..2 * capacity.record_words()].to_vec();
-        let lights = self.lights[..capacity.light_words()].to_vec();
-        let nodes = self.bvh[first_row..first_row + rows].to_vec();
-        self.show(moment)?;
+        let before = std::mem::take(&mut self.dynamics.before).of(
+            &self.records[..2 * capacity.record_words()],
+            &self.lights[..capacity.light_words()],
+            &self.bvh[first_row..first_row + rows],
+        );
+        let shown = self.show(moment);
         let changed = [
-            differing(&records, &self.records).map(|words| changed_words("records", words)),
-            differing(&nodes, &self.bvh[first_row..])
+            differing(&before.records, &self.records).map(|words| changed_words("records", words)),
+            differing(&before.nodes, &self.bvh[first_row..])
                 .map(|rows| changed_rows(first_row + rows.start..first_row + rows.end)),
-            differing(&lights, &self.lights).map(|words| changed_words("lights", words)),
+            differing(&before.lights, &self.lights).map(|words| changed_words("lights", words)),
         ];
+        self.dynamics.before = before;
+        shown?;
         Ok(changed.into_iter().flatten().collect())
     }
 
