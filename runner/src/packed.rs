@@ -1,5 +1,6 @@
 //! Scenes packed for the passes: a few flat buffers, by the layouts of [`weir_shared::scene`].
 
+mod changed;
 mod closed_form;
 mod content;
 mod geometry;
@@ -11,7 +12,7 @@ mod shape;
 mod top_level;
 mod tree;
 
-use std::{ops::Range, time::Duration};
+use std::time::Duration;
 
 use glam::{UVec4, Vec3};
 use rayon::prelude::*;
@@ -31,6 +32,7 @@ use crate::{
     settings::Settings,
     skips::Rule,
 };
+pub use changed::Changed;
 pub use content::Content;
 use geometry::PackedMesh;
 use moment::{Dynamics, MeshStart};
@@ -158,15 +160,6 @@ pub struct LightCost {
     pub update: Duration,
     /// Its memory.
     pub bytes: u64,
-}
-
-/// A part of a scene buffer that has changed, in bytes.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Changed {
-    /// The buffer.
-    pub buffer: &'static str,
-    /// Bytes.
-    pub range: Range<usize>,
 }
 
 /// The records of the scene while they grow.

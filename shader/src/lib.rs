@@ -1,6 +1,6 @@
 //! The passes of weir, one file each, and the table that declares them.
 //!
-//! A pass is a plain function of a pixel (or of one of its reservoirs, or of a record of lights) and of read-only buffers
+//! A pass is a plain function of a pixel (or of a reservoir, a record of lights, a part of the list of tiles) and of buffers
 //! that returns its own element of each output. One row of the table gives its GPU entry points, its host kernels and the
 //! list of its bindings; see [`wiring`] for what a row expands to.
 #![cfg_attr(target_arch = "spirv", no_std)]

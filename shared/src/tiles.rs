@@ -321,7 +321,7 @@ mod tests {
                 }
                 for y in 0..height {
                     for x in 0..width {
-                        let tile = (y / BLOCK >> tiling.shift) * tiling.columns + (x / BLOCK >> tiling.shift);
+                        let tile = ((y / BLOCK) >> tiling.shift) * tiling.columns + ((x / BLOCK) >> tiling.shift);
                         let of_tile = (0..tiling.blocks()).map(|i| tiling.block(tile, i));
                         let of_picture = |b: &UVec2| b.x < blocks(width) && b.y < blocks(height);
                         let is_in = !some || of_tile.filter(of_picture).any(is_busy);

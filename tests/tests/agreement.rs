@@ -2,7 +2,7 @@
 //!
 //! Without an adapter these tests are skipped, visibly; `REQUIRE_GPU=1` makes that a failure.
 
-use glam::Vec4;
+use glam::{Vec3, Vec4};
 use weir::{
     crosscheck::{Check, Report, Row, check},
     executor::{
@@ -15,7 +15,7 @@ use weir::{
     scene::{Camera, Scene},
     sequence::{Sequence, Shot},
     settings::KNOBS,
-    technique::{Technique, ToneCurve, direct_light},
+    technique::{RESOURCES, Technique, ToneCurve, direct_light},
 };
 use weir_shader::{
     PASSES,
@@ -83,8 +83,8 @@ impl Case {
         assert_eq!(report.frames, 3);
         let [columns, rows] = settings.records(WIDTH, HEIGHT);
         let whole = |row: &Row| {
-            let elements = if row.buffer == "presampled" { columns * rows } else { WIDTH * HEIGHT };
-            row.pixels > 0 && row.pixels.is_multiple_of(3 * u64::from(elements))
+            let resource = RESOURCES.iter().find(|resource| resource.name == row.buffer).expect("it is in the table");
+            row.pixels > 0 && row.pixels.is_multiple_of(3 * self.facts.elements(resource.extent))
         };
         assert!(report.rows.iter().all(whole), "{report}");
         let draws_ahead = report.rows.iter().any(|row| row.buffer == "presampled");
@@ -199,7 +199,9 @@ fn cases() -> Vec<Case> {
                 "skip.black=off",
                 "skip.unlit=off",
                 "skip.trees=off",
+                "skip.still=off",
                 "skip.primary=off",
+                "skip.tiles=off",
             ],
         ),
         of_variety(
@@ -387,6 +389,37 @@ fn a_moved_scene_draws_the_same_whether_it_is_updated_or_uploaded_anew() {
     let beyond = Changed { buffer: "records", range: beyond..beyond + 4 };
     let refused = updated.update(case.packed.buffers(), &[beyond]);
     assert!(matches!(refused, Err(GpuError::OutOfRange { .. })), "{refused:?}");
+}
+
+/// Copies of buffers on a GPU follow those of the host by the parts that are said to have changed, frame after frame.
+#[test]
+fn a_scene_in_which_some_of_it_moves_draws_the_same_whether_the_rest_is_uploaded_or_not() {
+    let name = "a_scene_in_which_some_of_it_moves_draws_the_same_whether_the_rest_is_uploaded_or_not";
+    let Some(gpu) = gpu_or_skip(name) else { return };
+    let pictures = ["on", "off"].map(|rule| {
+        let knobs = [&format!("skip.still={rule}"), "candidates.tree_update=refit"];
+        let mut case = Case::new(&scenes::variety(), Technique::RealTime, &knobs);
+        let plan = case.plan(&["moments"]);
+        let mut executor =
+            GpuExecutor::new(&gpu, &plan, case.packed.buffers(), Loader::Auto, Module::Plain).expect("the plan fits");
+        let mut sequence = Sequence::new(&mut case.packed, case.request.clone());
+        let mut uploaded = 0;
+        let mut seen = Vec::new();
+        for (time_s, emission) in [(0.0, 1.0), (0.0, 0.5), (0.1, 0.5), (0.1, 1.0), (0.1, 1.0), (0.0, 1.0), (0.3, 2.0)] {
+            let emission = vec![(0, Vec3::splat(emission)), (1, Vec3::splat(emission))];
+            let moment = Moment { time_s, emission, ..Moment::default() };
+            let shot = Shot { moment, camera: case.request.camera };
+            let (frames, changed) = sequence.next(&shot).expect("shown");
+            uploaded += changed.iter().map(|part| part.range.len()).sum::<usize>();
+            executor.update(sequence.packed().buffers(), &changed).expect("the ranges are in the buffers");
+            executor.run(&frames).expect("the GPU works");
+            seen.push(executor.read("moments").expect("an output").bytes().to_vec());
+        }
+        (seen, uploaded)
+    });
+    let [(with, fewer), (without, all)] = pictures;
+    assert!(with == without);
+    assert!(with[0] != with[1] && with[1] != with[2] && fewer < all, "{fewer} of {all} bytes");
 }
 
 #[test]

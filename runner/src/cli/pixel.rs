@@ -6,11 +6,12 @@ use glam::UVec2;
 use weir::executor::cpu::CpuExecutor;
 use weir::{
     exit::{Exit, Usage},
-    graph::Life,
     render::{Request, facts_of},
     sequence::Sequence,
     technique::{RESOURCES, Technique, direct_light},
 };
+
+use weir_shader::wiring::Extent;
 
 use super::{PixelArguments, no_passes, open};
 
@@ -59,7 +60,8 @@ pub fn run(arguments: &PixelArguments) -> anyhow::Result<Exit> {
     for step in &plan.steps {
         let _ = writeln!(text, "{}", step.pass.name);
         for (name, stride) in step.writes() {
-            let resource = RESOURCES.iter().find(|r| r.name == name && r.life != Life::Scene);
+            let is_of_pixels = |extent| matches!(extent, Extent::Pixels | Extent::Reservoirs | Extent::Candidates);
+            let resource = RESOURCES.iter().find(|r| r.name == name && is_of_pixels(r.extent));
             let (Some(bytes), Some(resource)) = (executor.output(&plan, name), resource) else { continue };
             let reservoirs = facts.elements(resource.extent) / (u64::from(size.width) * u64::from(size.height));
             for number in 0..reservoirs as u32 {

@@ -6,7 +6,7 @@
 use std::{collections::HashMap, ops::Range, time::Instant};
 
 use bytemuck::bytes_of;
-use glam::{Mat4, UVec4, Vec3};
+use glam::{Mat4, Vec3};
 use weir_shared::{
     alias,
     closed_form::NO_TREES,
@@ -14,7 +14,9 @@ use weir_shared::{
 };
 
 use super::{
-    Changed, PackError, PackOptions, PackedScene, closed_form,
+    Changed, PackError, PackOptions, PackedScene,
+    changed::Before,
+    closed_form,
     geometry::PackedMesh,
     light_cuts,
     light_tree::{self, LightBounds},
@@ -146,26 +148,6 @@ pub(super) struct Dynamics {
     pub(super) has_lights: bool,
 }
 
-/// What a moment may overwrite, as it was.
-#[derive(Default)]
-struct Before {
-    records: Vec<u32>,
-    lights: Vec<u32>,
-    nodes: Vec<UVec4>,
-}
-
-impl Before {
-    fn of(mut self, records: &[u32], lights: &[u32], nodes: &[UVec4]) -> Self {
-        self.records.clear();
-        self.records.extend_from_slice(records);
-        self.lights.clear();
-        self.lights.extend_from_slice(lights);
-        self.nodes.clear();
-        self.nodes.extend_from_slice(nodes);
-        self
-    }
-}
-
 /// Where light has a closed form, at one moment.
 struct ClosedForm {
     moment: Moment,
@@ -253,34 +235,28 @@ impl PackedScene {
     /// # Errors
     /// As [`PackedScene::advance`].
     pub fn show_anew(&mut self, moment: &Moment) -> Result<Vec<Changed>, PackError> {
-        let capacity = self.dynamics.capacity;
+        let (words, light_words) = (2 * self.dynamics.capacity.record_words(), self.dynamics.capacity.light_words());
         let rows = self.dynamics.top.capacity_rows();
+        let first_row = self.dynamics.top.first_row + (self.dynamics.half ^ 1) * rows;
+        let nodes = first_row..first_row + rows;
         if !self.keeps_still {
             self.show(moment)?;
-            let first_row = self.dynamics.top.first_row + self.dynamics.half * rows;
+            // Both blocks of records: each knows its counterparts in the other.
             return Ok(vec![
-                // Both blocks: each knows its counterparts in the other.
-                changed_words("records", 0..2 * capacity.record_words()),
-                changed_rows(first_row..first_row + rows),
-                changed_words("lights", 0..capacity.light_words()),
+                Changed::words("records", 0..words),
+                Changed::rows(nodes),
+                Changed::words("lights", 0..light_words),
             ]);
         }
-        let first_row = self.dynamics.top.first_row + (self.dynamics.half ^ 1) * rows;
         let before = std::mem::take(&mut self.dynamics.before).of(
-            &self.records[..2 * capacity.record_words()],
-            &self.lights[..capacity.light_words()],
-            &self.bvh[first_row..first_row + rows],
+            &self.records[..words],
+            &self.lights[..light_words],
+            &self.bvh[nodes.clone()],
         );
         let shown = self.show(moment);
-        let changed = [
-            differing(&before.records, &self.records).map(|words| changed_words("records", words)),
-            differing(&before.nodes, &self.bvh[first_row..])
-                .map(|rows| changed_rows(first_row + rows.start..first_row + rows.end)),
-            differing(&before.lights, &self.lights).map(|words| changed_words("lights", words)),
-        ];
+        let changed = before.changed(&self.records, &self.lights, &self.bvh[nodes], first_row);
         self.dynamics.before = before;
-        shown?;
-        Ok(changed.into_iter().flatten().collect())
+        shown.map(|()| changed)
     }
 
     /// Fills the block that is not in use, and makes it this frame's.
@@ -421,8 +397,9 @@ impl PackedScene {
             && self.dynamics.shown.is_some()
             && before.len() == bounds.len()
             && before.iter().zip(&bounds).all(is_same);
-        // A tree that is fitted to its lights again stays as it is, one that was built need not.
-        let keeps_tree = stands && self.dynamics.is_tree_current && *updated == update;
+        // A tree that is fitted to its lights once more stays as it is, as long as it would be fitted and not built.
+        let is_alike = is_drawn_alike || update != Some(TreeUpdate::Refit);
+        let keeps_tree = stands && self.dynamics.is_tree_current && *updated == update && is_alike;
         let start = Instant::now();
         if !stands {
             let table = alias::build(weights).unwrap_or_default();
@@ -492,22 +469,6 @@ impl PackedScene {
             }
         }
     }
-}
-
-fn changed_words(buffer: &'static str, words: Range<usize>) -> Changed {
-    Changed { buffer, range: 4 * words.start..4 * words.end }
-}
-
-fn changed_rows(rows: Range<usize>) -> Changed {
-    Changed { buffer: "bvh", range: 16 * rows.start..16 * rows.end }
-}
-
-/// From the first element that differs to the last; `now` may be longer.
-fn differing<T: PartialEq>(before: &[T], now: &[T]) -> Option<Range<usize>> {
-    let differs = |(a, b): (&T, &T)| a != b;
-    let first = before.iter().zip(now).position(differs)?;
-    let last = before.iter().zip(&now[..before.len()]).rposition(differs)?;
-    Some(first..last + 1)
 }
 
 /// The guide to emitters, whose records are given, and the size of its buckets as a power of two: the smallest with which

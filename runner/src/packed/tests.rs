@@ -293,6 +293,11 @@ fn what_stands_still_is_left_as_it_is_and_no_bit_differs() {
     let shape = Shape::Sphere;
     scene.meshes.push(Mesh { name: "lamp".into(), materials: vec![1], shape, ..Mesh::default() });
     scene.instances[2].mesh = 1;
+    // One that emits nothing.
+    let mut dark = scene.meshes[0].clone();
+    dark.materials.fill(0);
+    scene.meshes.push(dark);
+    scene.instances[3].mesh = 2;
     for update in [Some(TreeUpdate::Rebuild), Some(TreeUpdate::Refit), None] {
         let options = PackOptions { dynamic: true, light_cuts: true, ..PackOptions::default() };
         let pack = || PackedScene::with(&scene, &Moment::default(), options).expect("packs");
@@ -309,8 +314,11 @@ fn what_stands_still_is_left_as_it_is_and_no_bit_differs() {
             (1.0, vec![], vec![dim(2, 0.25)], None),
             (1.0, vec![place(7, 1.0)], vec![], None),
             (1.0, vec![place(7, 1.5), place(2, 0.5)], vec![dim(7, 0.0)], None),
-            (1.0, vec![place(7, 1.5)], vec![], Some(vec![7, 3, 19, 0])),
-            (1.0, vec![place(7, 1.5)], vec![], Some(vec![7, 3, 19, 0])),
+            (1.0, vec![place(7, 1.5)], vec![], Some(vec![7, 3, 19, 0, 9, 5, 11, 2, 4, 1])),
+            (1.0, vec![place(7, 1.0)], vec![], Some(vec![7, 3, 19, 0, 9, 5, 11, 2, 4, 1])),
+            (1.0, vec![place(7, 1.0)], vec![], Some(vec![7, 3, 19, 0, 9, 5, 11, 2, 4, 1])),
+            (1.0, vec![place(7, 1.0)], vec![], Some(vec![7, 19, 0, 9, 5, 11, 2, 4, 1])),
+            (1.0, vec![place(7, 1.0)], vec![], Some(vec![7, 19, 3, 0, 9, 5, 11, 2, 4, 1])),
             (2.0, vec![], vec![], Some(vec![])),
             (2.0, vec![], vec![], None),
             (2.0, vec![], vec![], None),

@@ -35,11 +35,18 @@ pub(super) struct Place {
 /// An acceleration structure over instances.
 #[derive(Default)]
 struct Over {
-    /// What it was built from: number in the order that is drawn, and box.
-    boxes: Vec<(u32, [Vec3; 2])>,
+    /// What it was built from.
+    boxes: Vec<Boxed>,
     /// Instance of each leaf.
     order: Vec<u32>,
     nodes: Vec<UVec4>,
+}
+
+/// An instance that rays find.
+struct Boxed {
+    /// Its number in the order that is drawn.
+    slot: u32,
+    bounds: [Vec3; 2],
 }
 
 /// The instances at one moment.
@@ -134,7 +141,7 @@ impl TopLevel {
             places.push(place);
             if self.are_found[instance.mesh as usize] {
                 bounds = [bounds[0].min(place.bounds[0]), bounds[1].max(place.bounds[1])];
-                boxes.push((slot, place.bounds));
+                boxes.push(Boxed { slot, bounds: place.bounds });
             }
         }
         if boxes.is_empty() {
@@ -181,22 +188,21 @@ impl Place {
 }
 
 impl Over {
-    fn new(boxes: Vec<(u32, [Vec3; 2])>) -> Self {
+    fn new(boxes: Vec<Boxed>) -> Self {
         if boxes.is_empty() {
             // No children at all: every ray misses.
             return Self { boxes, order: Vec::new(), nodes: vec![UVec4::ZERO; 5] };
         }
-        let corners: Vec<Aabb> =
-            boxes.iter().map(|(_, [low, high])| Aabb::new((*low).into(), (*high).into())).collect();
+        let corners: Vec<Aabb> = boxes.iter().map(|b| Aabb::new(b.bounds[0].into(), b.bounds[1].into())).collect();
         let tree = tree::build(&corners, false);
         let nodes = tree.nodes.iter().flat_map(tree::rows).collect();
-        let order = tree.primitive_indices.iter().map(|&leaf| boxes[leaf as usize].0).collect();
+        let order = tree.primitive_indices.iter().map(|&leaf| boxes[leaf as usize].slot).collect();
         Self { boxes, order, nodes }
     }
 
     /// Whether it was built from these, to the bit.
-    fn is_of(&self, boxes: &[(u32, [Vec3; 2])]) -> bool {
-        let is_same = |(a, b): (&(u32, [Vec3; 2]), &(u32, [Vec3; 2]))| a.0 == b.0 && bytes_of(&a.1) == bytes_of(&b.1);
+    fn is_of(&self, boxes: &[Boxed]) -> bool {
+        let is_same = |(a, b): (&Boxed, &Boxed)| a.slot == b.slot && bytes_of(&a.bounds) == bytes_of(&b.bounds);
         !self.nodes.is_empty() && self.boxes.len() == boxes.len() && self.boxes.iter().zip(boxes).all(is_same)
     }
 }

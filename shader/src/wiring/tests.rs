@@ -37,7 +37,7 @@ fn bands_of_any_size_visit_every_element_once_and_those_of_a_list_only() {
         let in_rows: Vec<u32> = (0..tiling.rows).map(|row| busy_in_row(row, &frame, &busy)).collect();
         let list: Vec<UVec4> = (0..LIST_VECTORS).map(|number| list_vector(number, &frame, &busy, &in_rows)).collect();
         let is_listed = |x: u32, y: u32| {
-            let tile = (y / BLOCK >> tiling.shift) * tiling.columns + (x / BLOCK >> tiling.shift);
+            let tile = ((y / BLOCK) >> tiling.shift) * tiling.columns + ((x / BLOCK) >> tiling.shift);
             let of_tile = (0..tiling.blocks()).map(|i| tiling.block(tile, i));
             of_tile.filter(|b| b.x < blocks(width) && b.y < blocks(height)).any(is_busy)
         };

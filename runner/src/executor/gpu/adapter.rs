@@ -59,10 +59,12 @@ pub struct AdapterFacts {
     pub prefers_queries: bool,
 }
 
-/// The instance, as the variables `WGPU_BACKEND`, `WGPU_VALIDATION`, `WGPU_DEBUG` and their kin ask for it.
+/// The instance, as the variables `WGPU_BACKEND`, `WGPU_VALIDATION`, `WGPU_DEBUG` and their kin ask for it; but for
+/// `WGPU_VALIDATION_INDIRECT_CALL`.
 pub fn instance() -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle_from_env();
-    // A pass of wgpu's own before each: numbers of workgroups are written by a pass that bounds them.
+    // That is a pass of wgpu's own before each dispatch. Numbers of workgroups are written by a pass that bounds them: at most
+    // as many as a list has tiles, as a tile has blocks, and as a pixel has candidates, all of them below 65,536.
     descriptor.flags.remove(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
     wgpu::Instance::new(descriptor)
 }
