@@ -153,32 +153,33 @@ pub fn pixel(frame: &Frame, list: &TileList, group: UVec2, within: UVec2) -> UVe
 #[inline(always)]
 pub fn is_busy(block: UVec2, frame: &Frame, surfaces: &[Surface]) -> u32 {
     let first = block * BLOCK;
+    // No return from within: llvmpipe forgets what invocations that leave a loop early have found, unless it is carried
+    // from turn to turn.
+    let mut busy = 0;
     let mut i = 0;
-    while i < BLOCK * BLOCK {
+    while i < BLOCK * BLOCK && busy == 0 {
         let px = first + UVec2::new(i % BLOCK, i / BLOCK);
         if px.x < frame.width && px.y < frame.height && !load(surfaces, frame.index_of(px)).is_settled() {
-            return 1;
+            busy = 1;
         }
         i += 1;
     }
-    0
+    busy
 }
 
-/// Whether some block of a tile is busy.
+/// Whether some block of a tile is busy: 1, or 0.
 #[inline(always)]
-fn is_tile_busy(tiling: &Tiling, frame: &Frame, tile: u32, busy_blocks: &[u32]) -> bool {
+fn is_tile_busy(tiling: &Tiling, frame: &Frame, tile: u32, busy_blocks: &[u32]) -> u32 {
+    let mut busy = 0;
     let mut i = 0;
-    while i < tiling.blocks() {
+    while i < tiling.blocks() && busy == 0 {
         let block = tiling.block(tile, i);
-        if block.x < blocks(frame.width)
-            && block.y < blocks(frame.height)
-            && load(busy_blocks, frame.index_of_block(block)) != 0
-        {
-            return true;
+        if block.x < blocks(frame.width) && block.y < blocks(frame.height) {
+            busy = load(busy_blocks, frame.index_of_block(block));
         }
         i += 1;
     }
-    false
+    busy
 }
 
 /// Busy tiles of a row of tiles.
@@ -188,9 +189,7 @@ pub fn busy_in_row(row: u32, frame: &Frame, busy_blocks: &[u32]) -> u32 {
     let mut count = 0;
     let mut column = 0;
     while column < tiling.columns {
-        if is_tile_busy(&tiling, frame, row * tiling.columns + column, busy_blocks) {
-            count += 1;
-        }
+        count += is_tile_busy(&tiling, frame, row * tiling.columns + column, busy_blocks);
         column += 1;
     }
     count
@@ -224,7 +223,7 @@ pub fn list_vector(number: u32, frame: &Frame, busy_blocks: &[u32], busy_in_rows
     let mut place = before;
     let mut tile = row * tiling.columns;
     while tile < tiling.count() && place < first + TILES_PER_VECTOR {
-        if is_tile_busy(&tiling, frame, tile, busy_blocks) {
+        if is_tile_busy(&tiling, frame, tile, busy_blocks) != 0 {
             if place >= first {
                 let within = place - first;
                 let half = tile << (16 * (within & 1));

@@ -56,7 +56,7 @@ pub struct Row {
 pub struct Difference {
     /// Number of the frame.
     pub frame: u32,
-    /// Column and row of the pixel, or of the record of a light.
+    /// Column and row of the pixel, of the record of a light, or of another element of what a pass runs over.
     pub pixel: [u32; 2],
     /// Which word of the pixel's element.
     pub word: usize,
