@@ -10,7 +10,6 @@ use weir::{
     sequence::Sequence,
     technique::{RESOURCES, Technique, direct_light},
 };
-
 use weir_shader::wiring::Extent;
 
 use super::{PixelArguments, no_passes, open};
