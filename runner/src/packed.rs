@@ -3,6 +3,7 @@
 mod changed;
 mod closed_form;
 mod content;
+mod dynamics;
 mod geometry;
 mod light_cuts;
 mod light_tree;
@@ -34,8 +35,8 @@ use crate::{
 };
 pub use changed::Changed;
 pub use content::Content;
+use dynamics::{Capacity, Dynamics, MeshStart};
 use geometry::PackedMesh;
-use moment::{Dynamics, MeshStart};
 pub use moment::{Moment, TreeUpdate};
 use origin::Origin;
 use top_level::TopLevel;
@@ -243,7 +244,7 @@ impl PackedScene {
         fit("triangles", meshes.iter().map(|m| m.triangles.len() as u64).sum())?;
 
         // What changes comes first, twice: for this frame and the one before.
-        let capacity = moment::Capacity::of(scene, &meshes, options)?;
+        let capacity = Capacity::of(scene, &meshes, options)?;
         let mut records = Records(vec![0; 2 * capacity.record_words()]);
         let mut lights = vec![0; capacity.light_words()];
         let mut frame = Frame::default();

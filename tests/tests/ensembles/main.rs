@@ -287,6 +287,22 @@ fn pixels_whose_light_has_a_closed_form_bias_nobody() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+#[test]
+fn every_bug_planted_in_closed_forms_is_caught() {
+    let bench = Bench::new(scenarios::standing().with_closed_form());
+    let chain = Technique::RealTime;
+    for (what, plant) in [
+        ("penumbras pass for lit", planted::take_penumbras_for_lit as fn(&mut Clip)),
+        ("a light is forgotten", planted::forget_a_light),
+    ] {
+        let mut clip = bench.clip(chain, &[]);
+        plant(&mut clip);
+        bench.assert_biased(what, &clip);
+    }
+    let settled = bench.planted(planted::sampling_what_is_settled(), chain, &[]);
+    bench.assert_biased("what is settled is sampled as well", &settled);
+}
+
 /// Forms of MIS weights, and rounds of spatial reuse after reuse in time, where ids of lights have to be translated.
 const REORDERED_VARIANTS: &[&[&str]] = &[
     &["rays=speed", "reuse.mis=pairwise", "spatial.rounds=1"],

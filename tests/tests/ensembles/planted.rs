@@ -1,14 +1,17 @@
 //! Bugs on purpose: kernels of reuse that see altered inputs, and scenes that say something false.
 
+use glam::Vec4;
 use weir_shader::{
     PASSES,
     wiring::{Access, Band, Buffers, Kernel, Pass, Variant},
 };
 use weir_shared::{
     alias,
+    closed_form::{NO_TREES, node},
     frame::FramePair,
     reservoir::{MAX_CONFIDENCE, Reservoir},
     scene::{NO_INSTANCE, instance_record},
+    surface::Surface,
 };
 
 use crate::chains::{Clip, Snapshot};
@@ -192,4 +195,63 @@ pub fn keep_own_light_ids(clip: &mut Clip) {
             records[at as usize] = if slot < prev.instance_count { slot } else { NO_INSTANCE };
         }
     }
+}
+
+/// The leaves of the trees that tell where light has a closed form; they are the last words of `records`.
+fn closed_form_leaves(
+    Snapshot { frames: FramePair { now, .. }, records, .. }: &mut Snapshot,
+) -> impl Iterator<Item = &mut u32> {
+    let start_of = |slot| now.instances_at + slot * instance_record::WORDS + instance_record::CLOSED_FORM_AT;
+    let starts = (0..now.instance_count).map(|slot| records[start_of(slot) as usize]).filter(|&at| at != NO_TREES);
+    let first = starts.min().expect("trees") as usize;
+    records[first..].iter_mut().filter(|word| **word & node::LEAF != 0)
+}
+
+/// Penumbras, and what is hidden there, pass for lit by all lights.
+pub fn take_penumbras_for_lit(clip: &mut Clip) {
+    for snapshot in &mut clip.snapshots {
+        let lights = (1 << snapshot.frames.now.light_count) - 1;
+        closed_form_leaves(snapshot).filter(|leaf| **leaf & node::KNOWN == 0).for_each(|leaf| {
+            *leaf |= node::KNOWN | lights;
+        });
+    }
+}
+
+/// Where all lights are seen whole, one of them is forgotten.
+pub fn forget_a_light(clip: &mut Clip) {
+    for snapshot in &mut clip.snapshots {
+        closed_form_leaves(snapshot).filter(|leaf| **leaf & node::KNOWN != 0).for_each(|leaf| *leaf &= !1);
+    }
+}
+
+/// Pixels whose light is known are sampled as well.
+pub fn sampling_what_is_settled() -> &'static [Pass] {
+    fn primary(frames: &FramePair, band: Band, mut buffers: Buffers) {
+        let pass = PASSES.iter().find(|p| p.name == "primary").expect("the pass is in the table");
+        let inputs = pass.bindings.iter().filter(|b| b.access == Access::Read);
+        let reads: Vec<&[u8]> = inputs.map(|_| buffers.read::<u8>()).collect();
+        let [surfaces, emitted] = [buffers.write::<u8>(), buffers.write::<u8>()];
+        // All code that there is.
+        let last = pass.variants.last().expect("it has variants");
+        (last.run)(frames, band, Buffers::new(&reads, &mut [&mut *surfaces, &mut *emitted]));
+        let surfaces = bytemuck::cast_slice_mut::<u8, Surface>(surfaces).iter_mut();
+        for (surface, emitted) in surfaces.zip(bytemuck::cast_slice_mut::<u8, Vec4>(emitted)) {
+            if surface.is_settled() && !surface.is_sky() {
+                surface.instance ^= Surface::default().settled().instance;
+                emitted.w = 1.0;
+            }
+        }
+    }
+    let copied = PASSES.iter().map(|pass| {
+        let run = |v: &Variant| Variant { entry_point: v.entry_point, run: primary };
+        let is_it = pass.name == "primary";
+        Pass {
+            name: pass.name,
+            extent: pass.extent,
+            features: pass.features,
+            bindings: pass.bindings,
+            variants: if is_it { Vec::leak(pass.variants.iter().map(run).collect()) } else { pass.variants },
+        }
+    });
+    Vec::leak(copied.collect())
 }
