@@ -1,6 +1,6 @@
 //! Compiles the passes to SPIR-V with rust-gpu. The same sources give the same bytes in every folder.
 
-use std::{fs, io, path::Path};
+use std::{fs, io, panic::resume_unwind, path::Path, thread};
 
 use cargo_gpu_install::install::Install;
 use spirv_builder::{Capability, ModuleResult, SpirvBuilder, SpirvBuilderError, SpirvMetadata};
@@ -84,15 +84,23 @@ pub fn build(root: &Path, target: &Path) -> Result<Modules, CompileError> {
     if backend.toolchain_channel != TOOLCHAIN {
         return Err(CompileError::Toolchain(backend.toolchain_channel));
     }
-    let plain = compile(&backend.to_spirv_builder(&shader, TARGET), target, &[])?;
-    let plain = strict::stripped(&plain).map_err(CompileError::Module)?;
-    let strict = compile_strict(&backend.to_spirv_builder(&shader, TARGET), target)?;
     let with_queries = backend
         .to_spirv_builder(&shader, TARGET_RAY_QUERY)
         .capability(Capability::RayQueryKHR)
         .extension("SPV_KHR_ray_query")
         .shader_crate_features([FEATURE_RAY_QUERY.to_owned()]);
-    let ray_query = compile_strict(&with_queries, target)?;
+    let without = backend.to_spirv_builder(&shader, TARGET);
+    // Side by side: rust-gpu links a module on one thread. Each has a folder, or cargo would wait for the others.
+    let [plain, strict, ray_query] = thread::scope(|scope| {
+        let plain = scope.spawn(|| {
+            let module = compile(&without, &target.join("plain"), &[])?;
+            strict::stripped(&module).map_err(CompileError::Module)
+        });
+        let strict = scope.spawn(|| compile_strict(&without, &target.join("strict")));
+        let ray_query = scope.spawn(|| compile_strict(&with_queries, &target.join("ray_query")));
+        [plain, strict, ray_query].map(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)))
+    });
+    let (plain, strict, ray_query) = (plain?, strict?, ray_query?);
     let digest = digest::digest(root, [&plain, &strict, &ray_query])?;
     Ok(Modules { plain, strict, ray_query, digest })
 }

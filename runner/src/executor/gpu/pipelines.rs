@@ -2,6 +2,7 @@
 
 use std::{borrow::Cow, collections::HashMap};
 
+use rayon::prelude::*;
 use weir_shader::wiring::{Access, Extent};
 use weir_shared::{
     frame::FramePair,
@@ -131,6 +132,7 @@ pub(super) async fn compile(
         }
     }
     let loader = loader.resolve(gpu, module)?;
+    compile_missing(gpu, plan, loader, module, traced).await?;
     let mut compiled = Vec::new();
     for step in &plan.steps {
         let source = Source::of(step, module, &traced);
@@ -140,6 +142,32 @@ pub(super) async fn compile(
         compiled.push(Compiled { pass: step.pass.name, extent: step.pass.extent, pipeline, bind_groups });
     }
     Ok(compiled)
+}
+
+/// Compiles what the device does not have, on all processors: a driver takes as long for one pipeline as for many side by
+/// side.
+async fn compile_missing(
+    gpu: &Gpu,
+    plan: &Plan,
+    loader: Loader,
+    module: Module,
+    traced: Traced,
+) -> Result<(), GpuError> {
+    let mut missing = HashMap::new();
+    for step in &plan.steps {
+        let key = (loader, Source::of(step, module, &traced), step.variant.entry_point);
+        if !gpu.cache().passes.contains_key(&key) {
+            missing.insert(key, step);
+        }
+    }
+    // Naga reads a module once, for all of them.
+    if let Some((&(_, source, entry_point), _)) = missing.iter().next().filter(|_| loader == Loader::Naga) {
+        module_for(gpu, loader, source, &[entry_point]).await?;
+    }
+    let missing: Vec<_> = missing.into_iter().collect();
+    missing
+        .into_par_iter()
+        .try_for_each(|((_, source, _), step)| pollster::block_on(pass(gpu, step, loader, source)).map(|_| ()))
 }
 
 /// The module that holds an entry point. Through naga that is all of it, read once; a driver gets no more than it needs,
