@@ -119,11 +119,13 @@ pub struct Step {
     pub round: u32,
     /// Whether its results are those of the frame before if that has seen the same, and stay in memory for it.
     pub is_kept: bool,
+    /// Inputs that it does not look at with these settings, so that nobody has to keep them.
+    pub ignored: Vec<&'static str>,
 }
 
 /// A step that always runs.
 pub const fn step(pass: &'static str) -> Step {
-    Step { pass, needs: None, off: None, renamed: Vec::new(), round: 0, is_kept: false }
+    Step { pass, needs: None, off: None, renamed: Vec::new(), round: 0, is_kept: false, ignored: Vec::new() }
 }
 
 impl Step {
@@ -151,6 +153,14 @@ impl Step {
     /// The step, not run again while the camera sees the same, if `wanted`.
     pub fn kept_if(self, wanted: bool) -> Self {
         Self { is_kept: wanted, ..self }
+    }
+
+    /// The step, which does not look at input `name` unless `wanted`: one zero takes its place.
+    pub fn reads_if(mut self, name: &'static str, wanted: bool) -> Self {
+        if !wanted {
+            self.ignored.push(name);
+        }
+        self
     }
 
     /// Names of the resources that it writes.
@@ -432,6 +442,8 @@ struct Use {
     access: Access,
     resource: Resource,
     previous: bool,
+    /// Whether the step does not look at it.
+    ignored: bool,
     /// Name of the resource, with `prev_` for last frame's.
     name: &'static str,
 }
@@ -444,7 +456,7 @@ struct Resolved {
 
 impl Resolved {
     fn names(&self, access: Access) -> impl Iterator<Item = &'static str> + '_ {
-        self.uses.iter().filter(move |u| u.access == access).map(|u| u.resource.name)
+        self.uses.iter().filter(move |u| u.access == access && !u.ignored).map(|u| u.resource.name)
     }
 }
 
@@ -469,7 +481,8 @@ fn resolve(step: &Step, passes: &'static [Pass], resources: &[Resource]) -> Resu
             let (pass_extent, extent) = (pass.extent, resource.extent);
             return Err(GraphError::Extent { pass: pass.name, name, pass_extent, extent });
         }
-        uses.push(Use { access: binding.access, resource, previous: base.is_some(), name });
+        let ignored = step.ignored.contains(&binding.name);
+        uses.push(Use { access: binding.access, resource, previous: base.is_some(), ignored, name });
     }
     Ok(Resolved { pass, uses })
 }
@@ -506,7 +519,7 @@ fn check(
     for step in steps {
         let resolved = resolve(step, passes, resources)?;
         let pass = resolved.pass;
-        for Use { access, resource, previous, name: full_name } in &resolved.uses {
+        for Use { access, resource, previous, name: full_name, .. } in &resolved.uses {
             let name = resource.name;
             let own = resolved.uses.iter().any(|u| u.access == Access::Write && u.name == *full_name);
             match access {

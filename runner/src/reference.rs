@@ -311,7 +311,7 @@ impl<'a> Reference<'a> {
 
     /// Radiance of one path through pixel (x, y).
     fn sample(&self, x: f32, y: f32, rng: &mut Pcg64Mcg) -> DVec3 {
-        let (dx, dy) = if self.frame.jitter == 0 { (0.5, 0.5) } else { (uniform(rng) as f32, uniform(rng) as f32) };
+        let (dx, dy) = if !self.frame.is_jittered() { (0.5, 0.5) } else { (uniform(rng) as f32, uniform(rng) as f32) };
         let mut ray = ray_through(&self.frame, x + dx, y + dy);
         let mut hit = self.closest(&ray);
         if hit.is_miss() {

@@ -136,7 +136,7 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
         camera_origin: camera.origin - packed.origin,
         accumulated: 0,
         camera_right: right * half_width,
-        jitter: u32::from(settings.jitter),
+        camera_rays: camera_rays(request),
         camera_up: up * half_height,
         exposure: request.exposure,
         camera_forward: forward,
@@ -173,6 +173,17 @@ pub fn frame_of(packed: &PackedScene, request: &Request) -> Frame {
         not_skipped: settings.skips.in_passes(),
         ..packed.frame
     }
+}
+
+/// Camera rays of a pixel, as a frame has them. Where nothing is known of neighbours, that is in the first frame, some of a
+/// still: it counts as much as any other. In real time one, or a cut would take longer than other frames.
+fn camera_rays(request: &Request) -> u32 {
+    let Settings { jitter, camera_rays, .. } = request.settings;
+    let of_first = match request.technique {
+        Technique::RealTime => 1,
+        Technique::Still | Technique::Candidates => camera_rays.min(4),
+    };
+    if jitter { camera_rays | (of_first << 16) } else { 0 }
 }
 
 /// Where candidates come from: by power in place of structures that the scene has not been packed with, and of tiles

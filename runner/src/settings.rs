@@ -108,6 +108,7 @@ pub struct Settings {
     pub occlusion_reach_px: f32,
     pub lattice: u32,
     pub jitter: bool,
+    pub camera_rays: u32,
     pub path_length: u32,
     pub time_s: f32,
     pub time_step_s: f32,

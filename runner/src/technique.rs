@@ -30,7 +30,7 @@ pub const RESOURCES: &[Resource] = &[
     Resource::new::<UVec4>("bvh", Life::Scene),
     Resource::new::<u32>("lights", Life::Scene),
     Resource::new::<Surface>("surfaces", Life::History),
-    Resource::new::<Vec4>("emitted", Life::Transient),
+    Resource::new::<Vec4>("emitted", Life::History),
     Resource::new::<u32>("busy_blocks", Life::Transient).over(Extent::Blocks),
     Resource::new::<u32>("busy_in_rows", Life::Transient).over(Extent::TileRows),
     Resource::new::<UVec4>("tiles", Life::Transient).over(Extent::TileList),
@@ -246,8 +246,9 @@ fn steps(technique: Technique, settings: &Settings, curve: ToneCurve) -> Vec<Ste
         chain.look("visible");
     }
 
+    let has_edges = settings.jitter && settings.camera_rays > 1;
     let is_kept = !settings.jitter && settings.skips.is_on(Rule::Primary);
-    let mut steps = vec![step("primary").kept_if(is_kept)];
+    let mut steps = vec![step("primary").kept_if(is_kept).reads_if("prev_emitted", has_edges)];
     steps.extend(["tiles_blocks", "tiles_rows", "tiles_list"].map(|pass| {
         let wanted = settings.skips.is_on(Rule::Tiles);
         step(pass).only_if(wanted, "`skip.tiles` is off: all tiles").needs(Need::Lights).kept_if(is_kept)

@@ -25,8 +25,8 @@ pub mod tiles;
 pub mod visibility;
 
 passes! {
-    pixel primary[TEXTURES ENVIRONMENT INSTANCES CLOSED_FORM](scene, rays) -> (surfaces: [Surface], emitted: [Vec4])
-        = primary::primary;
+    pixel primary[TEXTURES ENVIRONMENT INSTANCES CLOSED_FORM](scene, rays, prev_emitted: [Vec4])
+        -> (surfaces: [Surface], emitted: [Vec4]) = primary::primary;
     block tiles_blocks[](surfaces: [Surface]) -> (busy_blocks: [u32]) = tiles::blocks;
     row tiles_rows[](busy_blocks: [u32]) -> (busy_in_rows: [u32]) = tiles::rows;
     vector tiles_list[](busy_blocks: [u32], busy_in_rows: [u32]) -> (tiles: [UVec4]) = tiles::list;

@@ -41,8 +41,9 @@ pub struct Frame {
     pub accumulated: u32,
     /// To the right edge of the image plane at distance 1.
     pub camera_right: Vec3,
-    /// 1: camera rays are uniform over the pixel; 0: through its center.
-    pub jitter: u32,
+    /// Camera rays of a pixel: 0, one through its center; else such that are uniform over it. The lower 16 bits say how many
+    /// where what needs no sampling differs between neighbours, the upper 16 bits how many where nothing is known of that.
+    pub camera_rays: u32,
     /// To the upper edge of the image plane at distance 1.
     pub camera_up: Vec3,
     /// Multiplies radiance before tone mapping.
@@ -223,6 +224,12 @@ impl Frame {
     #[inline(always)]
     pub fn skips(&self, rule: u32) -> bool {
         self.not_skipped & rule == 0
+    }
+
+    /// Whether camera rays are uniform over the pixel.
+    #[inline(always)]
+    pub fn is_jittered(&self) -> bool {
+        self.camera_rays != 0
     }
 
     /// Row-major index of a pixel.

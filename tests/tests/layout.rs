@@ -99,7 +99,7 @@ fn frame_fields() -> Fields {
         camera_origin,
         accumulated,
         camera_right,
-        jitter,
+        camera_rays,
         camera_up,
         exposure,
         camera_forward,
@@ -485,7 +485,7 @@ fn the_field_check_sees_two_fields_swapped() {
     let (_, frame) = reader.member_types(pair)[0];
     let mut fields = frame_fields();
     assert_eq!(same_fields(&reader, frame, &fields), Ok(()));
-    let swapped = fields.iter().position(|f| f.0 == "jitter").expect("a field");
+    let swapped = fields.iter().position(|f| f.0 == "camera_rays").expect("a field");
     fields.swap(swapped, swapped - 2);
     assert!(same_fields(&reader, frame, &fields).is_err());
 }

@@ -31,7 +31,7 @@ impl View {
 /// Whether camera rays find the same in two frames of one scene: those through the centers of pixels, from the same place,
 /// of what has not moved since.
 fn sees_the_same(a: &Frame, b: &Frame) -> bool {
-    if a.jitter != 0 || b.jitter != 0 {
+    if a.is_jittered() || b.is_jittered() {
         return false;
     }
     let seen = |frame: &Frame| Frame {

@@ -27,7 +27,7 @@ pub(super) fn place(
     // History that nobody asks for is a transient like others.
     let remembered: BTreeSet<&str> = live
         .iter()
-        .flat_map(|l| l.resolved.uses.iter().filter(|u| u.previous && written.contains(u.resource.name)))
+        .flat_map(|l| l.resolved.uses.iter().filter(|u| u.previous && !u.ignored && written.contains(u.resource.name)))
         .map(|u| u.resource.name)
         .collect();
     let is_transient = |r: &Resource| match r.life {
@@ -38,7 +38,9 @@ pub(super) fn place(
 
     let mut spans: BTreeMap<&'static str, Span> = BTreeMap::new();
     for (i, step) in live.iter().enumerate() {
-        for Use { resource, .. } in step.resolved.uses.iter().filter(|u| written.contains(u.resource.name)) {
+        for Use { resource, .. } in
+            step.resolved.uses.iter().filter(|u| !u.ignored && written.contains(u.resource.name))
+        {
             if is_transient(resource) {
                 spans.entry(resource.name).or_insert(Span { first: i, last: i }).last = i;
             }
@@ -82,8 +84,9 @@ pub(super) fn place(
     let doubled = |name: &str| history.iter().position(|h| h.name == name);
 
     let mut zero_bytes = 0;
-    let mut slot = |resource: &Resource, previous: bool| {
+    let mut slot = |resource: &Resource, previous: bool, ignored: bool| {
         let found = match resource.life {
+            _ if ignored => None,
             Life::Scene => Some(Slot::Scene(resource.name)),
             Life::History if !is_transient(resource) => {
                 doubled(resource.name).map(|i| if previous { Slot::Previous(i) } else { Slot::Current(i) })
@@ -92,7 +95,7 @@ pub(super) fn place(
             Life::Transient | Life::History => None,
         };
         found.unwrap_or_else(|| {
-            zero_bytes = zero_bytes.max(resource.bytes(facts));
+            zero_bytes = zero_bytes.max(if ignored { resource.stride as u64 } else { resource.bytes(facts) });
             Slot::Zero
         })
     };
@@ -101,13 +104,13 @@ pub(super) fn place(
         .map(|l| Planned {
             pass: l.resolved.pass,
             variant: l.variant,
-            slots: l.resolved.uses.iter().map(|u| (u.access, slot(&u.resource, u.previous))).collect(),
+            slots: l.resolved.uses.iter().map(|u| (u.access, slot(&u.resource, u.previous, u.ignored))).collect(),
             names: l.resolved.uses.iter().map(|u| u.name).collect(),
             round: l.round,
             is_kept: l.is_kept,
         })
         .collect();
-    let outputs = outputs.iter().map(|&name| (name, slot(find(name), false))).collect();
+    let outputs = outputs.iter().map(|&name| (name, slot(find(name), false, false))).collect();
     let pool = pool.into_iter().map(|(bytes, _)| bytes).collect();
     Plan { steps, culled, history, pool, zero_bytes, outputs, facts: facts.clone() }
 }

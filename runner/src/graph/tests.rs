@@ -87,6 +87,19 @@ fn history_keeps_its_writer_and_what_that_reads() {
 }
 
 #[test]
+fn what_no_step_looks_at_is_not_remembered() {
+    let steps = [step("make"), step("blur"), step("tint"), step("blend").reads_if("prev_h", false)];
+    let forgetful = plan(&steps, PASSES, RESOURCES, &facts(), &["h"]).expect("a plan");
+    assert_eq!((forgetful.history.as_slice(), forgetful.steps[3].slots[1].1), (&[][..], Slot::Zero));
+    assert_eq!(forgetful.zero_bytes, 4);
+    assert_eq!(forgetful.frame_bytes(), 32 + 32 + 4);
+    // Nor is what only it would have read.
+    let steps = [step("make"), step("aside"), step("blur"), step("tint").reads_if("b", false)];
+    let narrow = plan(&steps, PASSES, RESOURCES, &facts(), &["c"]).expect("a plan");
+    assert_eq!(narrow.pass_names(), ["tint"]);
+}
+
+#[test]
 fn what_the_scene_lacks_is_left_out_and_reads_as_zeros() {
     let steps = [step("make"), step("blur").needs(Need::Lights), step("tint")];
     let bare = Facts { has: Vec::new(), ..facts() };

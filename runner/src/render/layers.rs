@@ -31,7 +31,7 @@ pub fn layers(packed: &PackedScene, request: &Request, rendered: &Rendered) -> R
     let outputs: &[&str] = if !packed.content.shines() { &["surfaces"] } else { &["surfaces", "fresh"] };
     let plan = direct_light(Technique::Candidates, &settings, &facts, request.curve, outputs)?;
     let mut executor = CpuExecutor::new(&plan);
-    let frame = Frame { jitter: 0, ..frame_of(packed, request) };
+    let frame = Frame { camera_rays: 0, ..frame_of(packed, request) };
     executor.run(&plan, packed.buffers(), &FramePair { now: frame, prev: frame });
     let surfaces: &[Surface] = bytemuck::cast_slice(executor.output(&plan, "surfaces").unwrap_or_default());
     let reservoirs: &[Reservoir] = bytemuck::cast_slice(executor.output(&plan, "fresh").unwrap_or_default());

@@ -70,8 +70,8 @@ fn text(value: impl Display) -> String {
 
 /// `settings` with everything that `preset` decides.
 fn with_preset(settings: &Settings, preset: Preset) -> Settings {
-    let Settings { jitter, path_length, time_s, time_step_s, skips, .. } = *settings;
-    Settings { jitter, path_length, time_s, time_step_s, skips, ..preset.settings() }
+    let Settings { jitter, camera_rays, path_length, time_s, time_step_s, skips, .. } = *settings;
+    Settings { jitter, camera_rays, path_length, time_s, time_step_s, skips, ..preset.settings() }
 }
 
 const SOURCES: &[(&str, u32)] = &[
@@ -470,6 +470,14 @@ pub const KNOBS: &[Knob] = &[
                differs between pictures is light alone",
         set: |s, text| named(&mut s.jitter, text, SWITCH),
         get: |s| name_of(s.jitter, SWITCH),
+    },
+    Knob {
+        key: "camera.rays",
+        values: "1 to 64",
+        help: "camera rays of a pixel at the edges of what emits light, of the sky and of surfaces whose light has a closed \
+               form, as the frame before shows them; elsewhere there is one. More: less noise there; less: faster",
+        set: |s, text| number(&mut s.camera_rays, text, 1, 64),
+        get: |s| text(s.camera_rays),
     },
     Knob {
         key: "path.length",

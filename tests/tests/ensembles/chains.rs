@@ -92,16 +92,17 @@ impl Clip {
         Self { packed, plan, snapshots }
     }
 
-    /// Runs frames, each with its number and that of what it shows; calls `seen` after every one.
-    fn run(&self, seed: u32, snapshots: impl Iterator<Item = (u32, usize)>, mut seen: impl FnMut(&Shown<'_>)) {
+    /// Runs frames, each with its number, how many are averaged before it, and the number of what it shows; calls `seen` after
+    /// every one.
+    fn run(&self, seed: u32, snapshots: impl Iterator<Item = (u32, u32, usize)>, mut seen: impl FnMut(&Shown<'_>)) {
         let mut executor = CpuExecutor::new(&self.plan);
         // Chains are what runs in parallel.
         executor.order = Order { band_rows: HEIGHT, backwards: false };
-        for (index, snapshot) in snapshots {
+        for (index, accumulated, snapshot) in snapshots {
             let Snapshot { frames, records, bvh, lights } = &self.snapshots[snapshot];
             let mut frames = *frames;
             (frames.now.seed, frames.prev.seed) = (seed, seed);
-            frames.now.index = index;
+            (frames.now.index, frames.now.accumulated) = (index, accumulated);
             let buffers = SceneBuffers { records, bvh, lights, ..self.packed.buffers() };
             executor.run(&self.plan, buffers, &frames);
             seen(&Shown { executor: &executor, plan: &self.plan });
@@ -125,12 +126,12 @@ impl Clip {
 
     /// Runs a chain; calls `seen` after every frame.
     pub fn chain(&self, seed: u32, seen: impl FnMut(&Shown<'_>)) {
-        self.run(seed, (0..self.snapshots.len()).map(|i| (i as u32, i)), seen);
+        self.run(seed, (0..self.snapshots.len()).map(|i| (i as u32, 0, i)), seen);
     }
 
     /// Independent stills of one seed, `count` of them: red, green and blue of each pixel.
     pub fn stills(&self, seed: u32, count: u32, mut seen: impl FnMut(&[[f32; 4]])) {
-        self.run(seed, (0..count).map(|i| (i, 0)), |shown| seen(shown.output("color")));
+        self.run(seed, (0..count).map(|i| (i, i, 0)), |shown| seen(shown.output("color")));
     }
 }
 

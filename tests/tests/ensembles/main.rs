@@ -6,6 +6,7 @@
 
 mod chains;
 mod convergence;
+mod edges;
 mod history;
 mod options;
 mod planted;

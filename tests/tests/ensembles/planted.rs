@@ -2,7 +2,7 @@
 
 use glam::Vec4;
 use weir_shader::{
-    PASSES,
+    PASSES, kernel,
     wiring::{Access, Band, Buffers, Kernel, Pass, Variant},
 };
 use weir_shared::{
@@ -242,9 +242,25 @@ pub fn sampling_what_is_settled() -> &'static [Pass] {
             }
         }
     }
+    with_kernel("primary", primary)
+}
+
+/// Where a part of a pixel shows surfaces with light to sample, that light counts as if all of it did.
+pub fn covering_whole_pixels() -> &'static [Pass] {
+    fn shade_sum(frames: &FramePair, band: Band, mut buffers: Buffers) {
+        let [emitted, gathered]: [&[Vec4]; 2] = [buffers.read(), buffers.read()];
+        let emitted: Vec<Vec4> = emitted.iter().map(|e| e.truncate().extend(e.w.ceil())).collect();
+        let reads = [bytemuck::cast_slice(&emitted), bytemuck::cast_slice(gathered)];
+        kernel::shade_sum::main(frames, band, Buffers::new(&reads, &mut [buffers.write::<u8>()]));
+    }
+    with_kernel("shade_sum", shade_sum)
+}
+
+/// The passes, with another kernel in all variants of one.
+fn with_kernel(name: &str, kernel: Kernel) -> &'static [Pass] {
     let copied = PASSES.iter().map(|pass| {
-        let run = |v: &Variant| Variant { entry_point: v.entry_point, run: primary };
-        let is_it = pass.name == "primary";
+        let run = |v: &Variant| Variant { entry_point: v.entry_point, run: kernel };
+        let is_it = pass.name == name;
         Pass {
             name: pass.name,
             extent: pass.extent,

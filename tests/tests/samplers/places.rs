@@ -23,7 +23,7 @@ fn frame(index: u32) -> Frame {
         height: SIZE,
         index,
         reservoirs: 1,
-        jitter: 1,
+        camera_rays: 1,
         camera_origin: Vec3::new(half, 1.0, half),
         camera_forward: Vec3::NEG_Y,
         camera_right: Vec3::X * half,

@@ -132,7 +132,7 @@ pub(super) async fn compile(
         }
     }
     let loader = loader.resolve(gpu, module)?;
-    compile_missing(gpu, plan, loader, module, traced).await?;
+    compile_missing(gpu, plan, loader, module, &traced).await?;
     let mut compiled = Vec::new();
     for step in &plan.steps {
         let source = Source::of(step, module, &traced);
@@ -151,11 +151,11 @@ async fn compile_missing(
     plan: &Plan,
     loader: Loader,
     module: Module,
-    traced: Traced,
+    traced: &Traced,
 ) -> Result<(), GpuError> {
     let mut missing = HashMap::new();
     for step in &plan.steps {
-        let key = (loader, Source::of(step, module, &traced), step.variant.entry_point);
+        let key = (loader, Source::of(step, module, traced), step.variant.entry_point);
         if !gpu.cache().passes.contains_key(&key) {
             missing.insert(key, step);
         }
