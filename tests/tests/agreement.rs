@@ -457,7 +457,7 @@ fn a_buffer_that_the_gpu_cannot_bind_is_named_with_its_size_and_the_way_out() {
     let case = huge;
     let refused = GpuExecutor::new(&gpu, &plan, case.packed.buffers(), Loader::Auto, Module::Plain);
     let message = refused.map(drop).expect_err("no GPU has so much").to_string();
-    assert!(message.starts_with("`emitted` of 32768x32768 pixels needs 17180 MB in one buffer, `"), "{message}");
+    assert!(message.starts_with("`surfaces` of 32768x32768 pixels needs 51540 MB in one buffer, `"), "{message}");
     assert!(message.ends_with("; render at a smaller size or use --backend cpu"), "{message}");
 }
 
