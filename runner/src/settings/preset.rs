@@ -71,7 +71,7 @@ impl Preset {
             occlusion_reach_px: 24.0,
             lattice: lattice::FULL,
             jitter: true,
-            camera_rays: 8,
+            camera_rays: 4,
             path_length: 1,
             time_s: 0.0,
             time_step_s: 1.0 / 60.0,

@@ -22,6 +22,9 @@ fn lamps_in_view(name: &'static str, room: Scenario) -> Scenario {
     scenario
 }
 
+/// Of each tier.
+const RAYS: [&str; 3] = ["camera.rays=4", "camera.rays=7", "camera.rays=16"];
+
 fn under_a_sky() -> Scenario {
     lamps_in_view("lamps under a sky", scenarios::environment())
 }
@@ -34,8 +37,8 @@ fn in_closed_form() -> Scenario {
 fn edges_of_lights_are_unbiased() {
     let mut wrong = Vec::new();
     for bench in [under_a_sky(), in_closed_form()].map(Bench::new) {
-        wrong.extend(TIERS.iter().filter_map(|tier| bench.check(Technique::RealTime, &[tier])));
-        wrong.extend(bench.check(Technique::Still, &["camera.rays=5"]));
+        wrong.extend(TIERS.iter().zip(RAYS).filter_map(|(tier, rays)| bench.check(Technique::RealTime, &[tier, rays])));
+        wrong.extend(bench.check(Technique::Still, &["camera.rays=3"]));
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
