@@ -144,7 +144,7 @@ fn schedule(plan: &Plan) -> Schedule {
     }
 }
 
-/// Rays of a pixel in a frame, at most.
+/// Rays of a pixel in a frame, at most: of one that has one camera ray, as all have but those at edges.
 pub(super) fn rays(plan: &Plan, settings: &Settings) -> u32 {
     use weir_shared::reuse::probe;
     let merges = |neighbors: u32| match settings.rays.probe() {

@@ -68,7 +68,7 @@ pub struct Frames {
     pub exposure: f32,
     /// Time of the animation, in seconds.
     pub time_s: f32,
-    /// Rays of each pixel, at most.
+    /// Rays of each pixel, at most; those at edges have more camera rays.
     pub rays: u32,
     /// Samples of the reference, where there is one.
     pub reference_samples: u64,

@@ -22,7 +22,7 @@ pub fn times(ui: &mut Ui, state: &mut State) {
         let [width, height] = frames.shown.size;
         let rays = f64::from(frames.rays) * f64::from(width) * f64::from(height);
         ui.label(format!(
-            "at most {} rays a pixel: {:.1} million a second",
+            "at most {} rays a pixel, edges apart: {:.1} million a second",
             frames.rays,
             rays / (ms.max(1e-3) / 1e3) / 1e6
         ));
