@@ -130,7 +130,8 @@ fn resampled_candidates_have_the_mean_of_the_reference() {
             &["candidates.count=1", "candidates.source=tiles", "candidates.bsdf=0"],
             &["skip.closed_form=on"],
         ] {
-            let result = passes(&scene, samples, 1, knobs);
+            // Edges as the reference has them: its few hits of a lamp's rim say too little of how they scatter.
+            let result = passes(&scene, samples, 1, &[&["camera.rays=1"], knobs].concat());
             match compare(&result, &judge) {
                 Ok(bias) => println!("{name} {knobs:?}: within {:.3} %", bias * 100.0),
                 Err(difference) => panic!("{name} {knobs:?}: {difference}"),
