@@ -1,7 +1,7 @@
 //! The frames that weir knows: resources and steps.
 
 use glam::{UVec4, Vec4};
-use weir_shader::wiring::{Extent, Pass};
+use weir_shader::wiring::{Extent, Kernel, Pass, Variant};
 use weir_shared::{
     light::source,
     merge::form,
@@ -304,6 +304,26 @@ pub fn direct_light_with(
     let unread: Vec<&str> = unread.collect();
     let all = steps.iter().filter(|step| unread.contains(&step.pass)).flat_map(|step| step.writes(passes));
     plan(&steps, passes, RESOURCES, facts, &outputs.iter().copied().chain(all).collect::<Vec<_>>())
+}
+
+/// The pass table, with other kernels for the variants of passes of which `kernels` has any, for tests that plant a difference.
+/// Its memory is never given back.
+pub fn passes_with(kernels: impl Fn(&Pass) -> Option<Vec<Kernel>>) -> &'static [Pass] {
+    let replaced = |pass: &'static Pass| -> &'static [Variant] {
+        let Some(kernels) = kernels(pass) else { return pass.variants };
+        let variants = pass.variants.iter().zip(kernels);
+        Vec::leak(variants.map(|(&Variant { entry_point, .. }, run)| Variant { entry_point, run }).collect())
+    };
+    let of = |pass: &'static Pass| {
+        let &Pass { name, extent, features, bindings, .. } = pass;
+        Pass { name, extent, features, variants: replaced(pass), bindings }
+    };
+    Vec::leak(weir_shader::PASSES.iter().map(of).collect())
+}
+
+/// [`passes_with`] one kernel for all variants of the pass of that name.
+pub fn passes_with_one(name: &str, kernel: Kernel) -> &'static [Pass] {
+    passes_with(|pass| (pass.name == name).then(|| vec![kernel; pass.variants.len()]))
 }
 
 #[cfg(test)]

@@ -15,11 +15,11 @@ use weir::{
     scene::{Camera, Scene},
     sequence::{Sequence, Shot},
     settings::KNOBS,
-    technique::{RESOURCES, Technique, ToneCurve, direct_light},
+    technique::{RESOURCES, Technique, ToneCurve, direct_light, passes_with_one},
 };
 use weir_shader::{
     PASSES,
-    wiring::{Band, Buffers, Extent, Pass, Variant},
+    wiring::{Band, Buffers, Extent, Pass},
 };
 use weir_shared::{
     frame::{Frame, FramePair},
@@ -276,29 +276,12 @@ fn wrong_accumulate(frames: &FramePair, band: Band, mut buffers: Buffers) {
     });
 }
 
-fn passes_with_a_difference() -> &'static [Pass] {
-    let copied = PASSES.iter().map(|pass| Pass {
-        name: pass.name,
-        extent: pass.extent,
-        features: pass.features,
-        bindings: pass.bindings,
-        variants: match pass.name {
-            "accumulate" => {
-                let entry_point = pass.variants[0].entry_point;
-                Box::leak(Box::new([Variant { entry_point, run: wrong_accumulate }]))
-            }
-            _ => pass.variants,
-        },
-    });
-    Vec::leak(copied.collect())
-}
-
 #[test]
 fn a_bit_turned_in_one_pixel_of_one_host_kernel_is_found_and_blamed_on_that_pass_alone() {
     let name = "a_bit_turned_in_one_pixel_of_one_host_kernel_is_found_and_blamed_on_that_pass_alone";
     let Some(gpu) = gpu_or_skip(name) else { return };
     let module = if gpu.rounds_exactly() { Module::Strict } else { Module::Plain };
-    let report = plain_case().check(&gpu, passes_with_a_difference(), Loader::Auto, module);
+    let report = plain_case().check(&gpu, passes_with_one("accumulate", wrong_accumulate), Loader::Auto, module);
     assert!(!report.is_equal());
     let row = report.rows.iter().find(|row| row.pass == "accumulate").expect("the pass is in the report");
     if gpu.rounds_exactly() {

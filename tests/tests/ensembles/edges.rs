@@ -3,11 +3,10 @@
 
 use glam::Vec3;
 use weir::technique::Technique;
-use weir_shader::PASSES;
 
 use crate::{
     Bench, TIERS,
-    chains::Clip,
+    options::noise_of,
     planted,
     scenarios::{self, Scenario},
 };
@@ -53,31 +52,12 @@ fn edges_that_forget_how_much_of_a_pixel_they_cover_are_caught() {
     }
 }
 
-/// Mean over pixels and channels of the variance of a frame of a still, but of the first, over many of them.
-fn noise(scenario: &Scenario, knobs: &[&str]) -> f64 {
-    const FRAMES: u32 = 257;
-    let clip = Clip::new(scenario, PASSES, Technique::Still, knobs);
-    let pixels = (scenario.size[0] * scenario.size[1]) as usize;
-    let mut sums = vec![[[0.0_f64; 2]; 3]; pixels];
-    let mut frame = 0;
-    clip.stills(3, FRAMES, |color| {
-        for (sum, color) in sums.iter_mut().zip(color).filter(|_| frame > 0) {
-            for (sum, &value) in sum.iter_mut().zip(color) {
-                (sum[0], sum[1]) = (sum[0] + f64::from(value), sum[1] + f64::from(value).powi(2));
-            }
-        }
-        frame += 1;
-    });
-    let n = f64::from(FRAMES - 1);
-    let variances = sums.as_flattened().iter().map(|[sum, squares]| (squares - sum * sum / n) / (n - 1.0));
-    variances.sum::<f64>() / (3 * pixels) as f64
-}
-
 #[test]
 fn rays_at_edges_take_most_of_the_noise_away() {
-    for (scenario, bound) in [(under_a_sky(), 0.2), (in_closed_form(), 0.2)] {
-        let [one, four, eight] = [1, 4, 8].map(|rays| noise(&scenario, &[&format!("camera.rays={rays}")]));
+    for scenario in [under_a_sky(), in_closed_form()] {
+        let noise = |rays: u32| noise_of(&scenario, Technique::Still, &[&format!("camera.rays={rays}")]);
+        let [one, four, eight] = [1, 4, 8].map(noise);
         println!("{}: variance {one:.3e} by one ray, {four:.3e} by 4, {eight:.3e} by 8", scenario.name);
-        assert!(eight < four && four < one && eight < bound * one, "{one}, {four}, {eight}");
+        assert!(eight < four && four < one && eight < 0.2 * one, "{one}, {four}, {eight}");
     }
 }

@@ -14,12 +14,16 @@ use crate::{
     stills,
 };
 
-/// Mean over pixels and channels of the variance of a still, over many of them. Camera rays go through the centers of
-/// pixels, so that light alone is noise.
+/// [`noise_of`] light alone: camera rays go through the centers of pixels.
 fn noise(scenario: &Scenario, technique: Technique, knobs: &[&str]) -> f64 {
+    noise_of(scenario, technique, &[knobs, &["camera.jitter=off"]].concat())
+}
+
+/// Mean over pixels and channels of the variance of a still, over many of them.
+pub fn noise_of(scenario: &Scenario, technique: Technique, knobs: &[&str]) -> f64 {
     const SEEDS: u32 = 4;
     const EACH: u32 = 64;
-    let clip = Clip::new(scenario, PASSES, technique, &[knobs, &["camera.jitter=off"]].concat());
+    let clip = Clip::new(scenario, PASSES, technique, knobs);
     let pixels = (scenario.size[0] * scenario.size[1]) as usize;
     let zero = || vec![[[0.0f64; 2]; 3]; pixels];
     let of_seed = |seed| {

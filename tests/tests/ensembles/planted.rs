@@ -1,9 +1,10 @@
 //! Bugs on purpose: kernels of reuse that see altered inputs, and scenes that say something false.
 
 use glam::Vec4;
+use weir::technique;
 use weir_shader::{
     PASSES, kernel,
-    wiring::{Access, Band, Buffers, Kernel, Pass, Variant},
+    wiring::{Access, Band, Buffers, Kernel, Pass},
 };
 use weir_shared::{
     alias,
@@ -121,25 +122,15 @@ impl Bug for VisibilityUnknownToMis {
 
 /// The passes, with `B` in the merges of reuse and in their shadow rays.
 pub fn passes_with<B: Bug + 'static>() -> &'static [Pass] {
-    let copied = PASSES.iter().map(|pass| Pass {
-        name: pass.name,
-        extent: pass.extent,
-        features: pass.features,
-        bindings: pass.bindings,
-        variants: match PLACES.iter().position(|place| place.pass == pass.name) {
-            Some(0) => with_runs(pass, runs::<B, 0>()),
-            Some(1) => with_runs(pass, runs::<B, 1>()),
-            Some(2) => with_runs(pass, runs::<B, 2>()),
-            Some(3) => with_runs(pass, runs::<B, 3>()),
-            _ => pass.variants,
-        },
-    });
-    Vec::leak(copied.collect())
-}
-
-fn with_runs(pass: &Pass, runs: [Kernel; 8]) -> &'static [Variant] {
-    let variants = pass.variants.iter().zip(runs);
-    Vec::leak(variants.map(|(v, run)| Variant { entry_point: v.entry_point, run }).collect())
+    technique::passes_with(|pass| {
+        let runs = match PLACES.iter().position(|place| place.pass == pass.name)? {
+            0 => runs::<B, 0>(),
+            1 => runs::<B, 1>(),
+            2 => runs::<B, 2>(),
+            _ => runs::<B, 3>(),
+        };
+        Some(runs.to_vec())
+    })
 }
 
 /// A kernel is a plain function, so there is one for each variant.
@@ -242,7 +233,7 @@ pub fn sampling_what_is_settled() -> &'static [Pass] {
             }
         }
     }
-    with_kernel("primary", primary)
+    technique::passes_with_one("primary", primary)
 }
 
 /// Where a part of a pixel shows surfaces with light to sample, that light counts as if all of it did.
@@ -253,21 +244,5 @@ pub fn covering_whole_pixels() -> &'static [Pass] {
         let reads = [bytemuck::cast_slice(&emitted), bytemuck::cast_slice(gathered)];
         kernel::shade_sum::main(frames, band, Buffers::new(&reads, &mut [buffers.write::<u8>()]));
     }
-    with_kernel("shade_sum", shade_sum)
-}
-
-/// The passes, with another kernel in all variants of one.
-fn with_kernel(name: &str, kernel: Kernel) -> &'static [Pass] {
-    let copied = PASSES.iter().map(|pass| {
-        let run = |v: &Variant| Variant { entry_point: v.entry_point, run: kernel };
-        let is_it = pass.name == name;
-        Pass {
-            name: pass.name,
-            extent: pass.extent,
-            features: pass.features,
-            bindings: pass.bindings,
-            variants: if is_it { Vec::leak(pass.variants.iter().map(run).collect()) } else { pass.variants },
-        }
-    });
-    Vec::leak(copied.collect())
+    technique::passes_with_one("shade_sum", shade_sum)
 }

@@ -144,8 +144,7 @@ pub(super) async fn compile(
     Ok(compiled)
 }
 
-/// Compiles what the device does not have, on all processors: a driver takes as long for one pipeline as for many side by
-/// side.
+/// Compiles what the device does not have, side by side on all processors.
 async fn compile_missing(
     gpu: &Gpu,
     plan: &Plan,
@@ -161,10 +160,10 @@ async fn compile_missing(
         }
     }
     // Naga reads a module once, for all of them.
-    if let Some((&(_, source, entry_point), _)) = missing.iter().next().filter(|_| loader == Loader::Naga) {
+    let through_naga = |(_, source, _): &&(Loader, Source, &str)| loader == Loader::Naga && *source != Source::RayQuery;
+    if let Some(&(_, source, entry_point)) = missing.keys().find(through_naga) {
         module_for(gpu, loader, source, &[entry_point]).await?;
     }
-    let missing: Vec<_> = missing.into_iter().collect();
     missing
         .into_par_iter()
         .try_for_each(|((_, source, _), step)| pollster::block_on(pass(gpu, step, loader, source)).map(|_| ()))

@@ -1,7 +1,7 @@
 use glam::{Vec3, Vec4};
 use weir_shader::{
     PASSES, kernel,
-    wiring::{Band, Buffers, Extent, Kernel, Pass, Variant},
+    wiring::{Band, Buffers, Extent, Kernel, Pass},
 };
 use weir_shared::{
     frame::FramePair,
@@ -16,7 +16,7 @@ use crate::{
     render::{Request, facts_of},
     scene::{Camera, Scene},
     sequence::Sequence,
-    technique::{Technique, ToneCurve, direct_light_with},
+    technique::{Technique, ToneCurve, direct_light_with, passes_with_one},
 };
 
 /// A box seen from outside, with walls around it that are sky: pixels that are settled, sky, or neither, each in tiles of
@@ -108,19 +108,6 @@ fn what_is_left_unwritten_in_tiles_without_work_is_never_read() {
     }
 }
 
-/// The passes, with another kernel in all variants of one.
-fn with_kernel(name: &str, kernel: Kernel) -> &'static [Pass] {
-    let copied = PASSES.iter().map(|pass| {
-        let replaced = |v: &Variant| Variant { entry_point: v.entry_point, run: kernel };
-        let is_it = pass.name == name;
-        let variants: &'static [Variant] =
-            if is_it { Vec::leak(pass.variants.iter().map(replaced).collect()) } else { pass.variants };
-        let &Pass { name, extent, features, bindings, .. } = pass;
-        Pass { name, extent, features, variants, bindings }
-    });
-    Vec::leak(copied.collect())
-}
-
 /// A bug: a block is busy if its first pixel is.
 fn by_the_first_pixel(frames: &FramePair, band: Band, mut buffers: Buffers) {
     let surfaces: &[Surface] = buffers.read();
@@ -158,7 +145,7 @@ fn every_bug_planted_in_tiles_is_seen() {
         ("blocks go by their first pixel", "tiles_blocks", by_the_first_pixel as Kernel),
         ("shading takes what was never written", "shade_sum", shade_all),
     ] {
-        let (picture, _) = drawing(with_kernel(name, kernel)).draw("on", Order::default(), true);
+        let (picture, _) = drawing(passes_with_one(name, kernel)).draw("on", Order::default(), true);
         assert!(picture != expected, "{what}: unseen");
     }
 }
