@@ -2,7 +2,6 @@
 
 use std::{borrow::Cow, collections::HashMap};
 
-use rayon::prelude::*;
 use weir_shader::wiring::{Access, Extent};
 use weir_shared::{
     frame::FramePair,
@@ -132,7 +131,6 @@ pub(super) async fn compile(
         }
     }
     let loader = loader.resolve(gpu, module)?;
-    compile_missing(gpu, plan, loader, module, &traced).await?;
     let mut compiled = Vec::new();
     for step in &plan.steps {
         let source = Source::of(step, module, &traced);
@@ -142,31 +140,6 @@ pub(super) async fn compile(
         compiled.push(Compiled { pass: step.pass.name, extent: step.pass.extent, pipeline, bind_groups });
     }
     Ok(compiled)
-}
-
-/// Compiles what the device does not have, side by side on all processors.
-async fn compile_missing(
-    gpu: &Gpu,
-    plan: &Plan,
-    loader: Loader,
-    module: Module,
-    traced: &Traced,
-) -> Result<(), GpuError> {
-    let mut missing = HashMap::new();
-    for step in &plan.steps {
-        let key = (loader, Source::of(step, module, traced), step.variant.entry_point);
-        if !gpu.cache().passes.contains_key(&key) {
-            missing.insert(key, step);
-        }
-    }
-    // Naga reads a module once, for all of them.
-    let through_naga = |(_, source, _): &&(Loader, Source, &str)| loader == Loader::Naga && *source != Source::RayQuery;
-    if let Some(&(_, source, entry_point)) = missing.keys().find(through_naga) {
-        module_for(gpu, loader, source, &[entry_point]).await?;
-    }
-    missing
-        .into_par_iter()
-        .try_for_each(|((_, source, _), step)| pollster::block_on(pass(gpu, step, loader, source)).map(|_| ()))
 }
 
 /// The module that holds an entry point. Through naga that is all of it, read once; a driver gets no more than it needs,
