@@ -236,6 +236,12 @@ fn spared(packed: &PackedScene, settings: &Settings) -> Vec<(&'static str, &'sta
             "drawing lights",
             "each of the few is a candidate",
         ),
+        (
+            content.emitters && source_of(packed, settings) == source::CUTS && !enumerates(packed, settings),
+            Rule::Unseen,
+            "lights in cuts",
+            "that no surface of the block sees",
+        ),
         (content.closed_form, Rule::ClosedForm, "sampling", "where light has a closed form"),
         (content.emitters && !settings.needs_tree(), Rule::Trees, "light trees", "no candidate comes down one"),
         (!packed.moves(), Rule::Updates, "updates", "nothing moves by itself"),

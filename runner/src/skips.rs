@@ -1,6 +1,6 @@
 //! Rules by which work is left out that a scene or its settings have no use for.
 //!
-//! [`Rule::Few`], [`Rule::Presampling`] and [`Rule::ClosedForm`] change which lights are drawn, but not the mean of
+//! [`Rule::Few`], [`Rule::Presampling`], [`Rule::Unseen`] and [`Rule::ClosedForm`] change which lights are drawn, but not the mean of
 //! pictures. None of the others changes a picture by a bit, but for one: without [`Rule::Updates`], reuse in time finds
 //! where a surface was by way of the space of its instance, and rounds twice on the way, so that a neighbour can be another
 //! one. Each can be switched off by `--set skip.NAME=off`; tests and `weir graph --costs` compare what comes out.
@@ -47,6 +47,8 @@ pub enum Rule {
     /// Drawing lights ahead in tiles, where there are no more lights than a tile has records. Changes what is drawn, not its
     /// mean.
     Presampling,
+    /// Lights below the horizon of all surfaces in a block of pixels, in cuts. Changes what is drawn, not its mean.
+    Unseen,
     /// Sampling, where light has a closed form. Changes what is drawn, not its mean.
     ClosedForm,
     /// Shadow rays to samples that are known to be visible.
@@ -69,7 +71,7 @@ pub enum Rule {
 
 impl Rule {
     /// All of them.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 20] = [
         Self::Absent,
         Self::Unread,
         Self::Textures,
@@ -80,6 +82,7 @@ impl Rule {
         Self::Specular,
         Self::Few,
         Self::Presampling,
+        Self::Unseen,
         Self::ClosedForm,
         Self::Known,
         Self::Black,
@@ -104,6 +107,7 @@ impl Rule {
             Self::Specular => "specular",
             Self::Few => "few",
             Self::Presampling => "presampling",
+            Self::Unseen => "unseen",
             Self::ClosedForm => "closed_form",
             Self::Known => "known",
             Self::Black => "black",
@@ -118,7 +122,7 @@ impl Rule {
 
     /// Whether it changes what is drawn, and with it pictures but not their mean.
     pub fn changes_draws(self) -> bool {
-        matches!(self, Self::Few | Self::Presampling | Self::ClosedForm)
+        matches!(self, Self::Few | Self::Presampling | Self::Unseen | Self::ClosedForm)
     }
 
     /// The rule that leaves a feature out of the code of passes; for closed forms, which are code that spares work elsewhere,
@@ -164,6 +168,7 @@ impl Skips {
     pub fn in_passes(self) -> u32 {
         let rules = [
             (Rule::Few, skip::FEW_LIGHTS),
+            (Rule::Unseen, skip::UNSEEN),
             (Rule::Known, skip::KNOWN_VISIBLE),
             (Rule::Black, skip::BLACK),
             (Rule::Unlit, skip::UNLIT),

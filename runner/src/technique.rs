@@ -3,6 +3,7 @@
 use glam::{UVec4, Vec4};
 use weir_shader::wiring::{Extent, Kernel, Pass, Variant};
 use weir_shared::{
+    block::Block,
     light::source,
     merge::form,
     moments::Moments,
@@ -35,6 +36,7 @@ pub const RESOURCES: &[Resource] = &[
     Resource::new::<u32>("busy_in_rows", Life::Transient).over(Extent::TileRows),
     Resource::new::<UVec4>("tiles", Life::Transient).over(Extent::TileList),
     Resource::reservoirs::<Reservoir>("bsdf_hits", Life::Transient),
+    Resource::new::<Block>("blocks", Life::Transient).over(Extent::Blocks),
     Resource::records::<LightRecord>("presampled", Life::Transient),
     Resource::candidates::<Candidate>("resident", Life::Transient),
     Resource::reservoirs::<Reservoir>("fresh", Life::Transient),
@@ -198,6 +200,9 @@ fn steps(technique: Technique, settings: &Settings, curve: ToneCurve) -> Vec<Ste
         _ => ("presample_tiles", Need::MoreThanATile),
     };
     let draws_ahead = matches!(settings.source, source::TILES | source::CELLS | source::CUTS);
+    if settings.source == source::CUTS {
+        chain.steps.push(step("light_cuts_blocks").needs(need));
+    }
     chain.steps.push(step(ahead).only_if(draws_ahead, "`candidates.source` draws no lights ahead").needs(need));
     if settings.choice == choice::INVERSION {
         chain.push(step("resident"));
@@ -381,21 +386,18 @@ mod tests {
             direct_light(Technique::Still, &settings, &facts, ToneCurve::default(), &["display"]).expect("a frame")
         };
         let all = [Need::Lights, Need::EmissiveTriangles, Need::LightCuts, Need::MoreThanATile];
-        for (source, pass, bytes) in [
-            ("tiles", "presample_tiles", 64 * 128 * 1024),
-            ("cells", "presample_cells", 64 * 32 * 6 * 512),
-            ("cuts", "light_cuts", 64 * 8),
+        for (source, passes, bytes) in [
+            ("tiles", &["presample_tiles"] as &[&str], 64 * 128 * 1024),
+            ("cells", &["presample_cells"], 64 * 32 * 6 * 512),
+            ("cuts", &["light_cuts_blocks", "light_cuts"], 64 * 8),
         ] {
             let plan = plan_of(source, &all);
-            assert_eq!(
-                plan.pass_names()
-                    .iter()
-                    .filter(|name| name.starts_with("presample") || name.contains("cuts"))
-                    .collect::<Vec<_>>(),
-                [&pass]
-            );
+            let mut names = plan.pass_names();
+            names.retain(|name| name.starts_with("presample") || name.contains("cuts"));
+            assert_eq!(names, *passes);
             assert_eq!(plan.output_bytes("presampled"), Some(bytes));
-            assert!(!plan_of(source, &all[..1]).pass_names().contains(&pass), "a sky alone");
+            let of_a_sky = plan_of(source, &all[..1]).pass_names();
+            assert!(passes.iter().all(|pass| !of_a_sky.contains(pass)), "a sky alone");
         }
         let plan = plan_of("power", &all);
         assert_eq!(plan.output_bytes("presampled"), None);

@@ -36,7 +36,8 @@ passes! {
         = presample::tiles;
     record presample_cells[EMISSION_IMAGES ENVIRONMENT](scene, lights: [u32]) -> (presampled: [LightRecord])
         = presample::cells;
-    record light_cuts[](scene, lights: [u32], surfaces: [Surface]) -> (presampled: [LightRecord]) = presample::cuts;
+    block light_cuts_blocks[](surfaces: [Surface]) -> (blocks: [Block]) = presample::blocks;
+    record light_cuts[](scene, lights: [u32], blocks: [Block]) -> (presampled: [LightRecord]) = presample::cuts;
     reservoir candidates[EMISSION_IMAGES ENVIRONMENT SPECULAR](scene, lights: [u32], surfaces: [Surface],
         bsdf_hits: [Reservoir], presampled: [LightRecord]) -> (fresh: [Reservoir]) = candidates::candidates;
     candidate resident[EMISSION_IMAGES ENVIRONMENT SPECULAR](scene, lights: [u32], surfaces: [Surface],

@@ -2,6 +2,7 @@
 
 use glam::UVec2;
 use weir_shared::{
+    block::Block,
     frame::Frame,
     light_cuts::cut_record,
     presample::{LightRecord, cell_record, tile_record},
@@ -36,6 +37,11 @@ pub fn cells<const EMISSION_IMAGES: bool, const ENVIRONMENT: bool>(
 /// A cluster of a cut: `at` is its place in the cut, and the cut.
 ///
 /// Source: Lin and Yuksel 2020, "Real-Time Stochastic Lightcuts".
-pub fn cuts(at: UVec2, frame: &Frame, scene: &Scene, lights: &[u32], surfaces: &[Surface]) -> LightRecord {
-    cut_record(at, frame, scene, lights, surfaces)
+pub fn cuts(at: UVec2, frame: &Frame, scene: &Scene, lights: &[u32], blocks: &[Block]) -> LightRecord {
+    cut_record(at, frame, scene, lights, blocks)
+}
+
+/// What cuts are made for: the surfaces of a block of 8x8 pixels.
+pub fn blocks(block: UVec2, frame: &Frame, surfaces: &[Surface]) -> Block {
+    Block::of(block, frame, surfaces)
 }

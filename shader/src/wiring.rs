@@ -453,7 +453,7 @@ pub mod prelude {
     #[cfg(target_arch = "spirv")]
     pub use weir_shared::ray_query::Queries;
     pub use weir_shared::{
-        frame::FramePair, moments::Moments, numerics::store, presample::LightRecord, resample::Candidate,
+        block::Block, frame::FramePair, moments::Moments, numerics::store, presample::LightRecord, resample::Candidate,
         reservoir::Reservoir, scene::Scene, surface::Surface, tiles, tiles::TileList, window::Window,
     };
 }

@@ -8,6 +8,7 @@
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "not-a-number must take the branch of what is out of range")]
 
 pub mod alias;
+pub mod block;
 pub mod bsdf;
 pub mod bvh;
 pub mod camera;

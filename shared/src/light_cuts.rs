@@ -5,8 +5,9 @@
 //! up with leaves without power; a node holds a box and a power. Such a tree is built by sorting alone. It knows nothing of
 //! where lights face.
 //!
-//! Each block of 8x8 pixels has a cut: nodes that together hold every light once. It starts at the root, and the node that
-//! may contribute most to one of the block's surfaces is replaced by its children until there are enough of them.
+//! Each block of 8x8 pixels has a cut: nodes that together hold every light once that may light one of its surfaces. It
+//! starts at the root, and the node that may contribute most to one of the block's surfaces is replaced by its children until
+//! there are enough of them; children that lie below the horizon of all of the surfaces are left out.
 //!
 //! Differs from the source: the block's surface is drawn anew in every frame; a child that may matter at all has a least
 //! probability, so that no rounding takes it out of reach; a cut goes on from a tree over emitters into those of meshes.
@@ -17,14 +18,15 @@ use glam::{UVec2, Vec3};
 
 use crate::{
     alias,
+    block::Block,
     frame::Frame,
     light::Address,
     light_tree::{NO_TREE, Reached},
     numerics::{abs, clamp, load, max, sqrt},
     presample::LightRecord,
-    rng::{Rng, Stage},
+    rng::Rng,
     scene::{Scene, emitter_record, instance_record},
-    surface::Surface,
+    tiles::{self, BLOCK},
     words::Words,
 };
 
@@ -359,12 +361,6 @@ pub fn cluster_of(
     found
 }
 
-/// Blocks of 8x8 pixels in a row of the picture.
-#[inline(always)]
-fn blocks_in_a_row(frame: &Frame) -> u32 {
-    (frame.width + 7) >> 3
-}
-
 /// Clusters of a cut, at least 1; they stand first in its row.
 #[inline(always)]
 pub fn size_of_cut(frame: &Frame, presampled: &[LightRecord], cut: u32) -> u32 {
@@ -374,13 +370,13 @@ pub fn size_of_cut(frame: &Frame, presampled: &[LightRecord], cut: u32) -> u32 {
 /// The cut of a pixel: that of its block of 8x8 pixels.
 #[inline(always)]
 pub fn cut_of(frame: &Frame, px: UVec2) -> u32 {
-    (px.y >> 3) * blocks_in_a_row(frame) + (px.x >> 3)
+    frame.index_of_block(px / BLOCK)
 }
 
 /// Cuts of a picture.
 #[inline(always)]
 pub fn cuts_of(width: u32, height: u32) -> u32 {
-    width.div_ceil(8) * height.div_ceil(8)
+    tiles::blocks(width) * tiles::blocks(height)
 }
 
 /// A cut while it grows: for each cluster its emitter, its node, and what it may contribute.
@@ -407,6 +403,13 @@ impl Cut {
         }
     }
 
+    /// Without cluster `i` of `count`: the last takes its place.
+    #[inline(always)]
+    fn remove(&mut self, i: u32, count: u32) {
+        let (last, error) = (self.cluster(count - 1), self.error(count - 1));
+        self.set(i, last, error);
+    }
+
     #[inline(always)]
     fn cluster(&self, i: u32) -> Cluster {
         if i < 8 {
@@ -424,32 +427,18 @@ impl Cut {
 
 /// Record `at.x` of cut `at.y`: a cluster of it.
 ///
-/// The cut is made for one pixel of the block, a random one among those that sample light, and has as many clusters as a
-/// row has columns, [`MOST_NODES`] at most; fewer where there are no more lights.
+/// The cut is made for the surface drawn from its block, of lights that may be above the horizon of some of its surfaces, and
+/// has as many clusters as a row has columns, [`MOST_NODES`] at most; fewer where there are no more lights.
 #[inline(always)]
-pub fn cut_record(at: UVec2, frame: &Frame, scene: &Scene, lights: &[u32], surfaces: &[Surface]) -> LightRecord {
+pub fn cut_record(at: UVec2, frame: &Frame, scene: &Scene, lights: &[u32], blocks: &[Block]) -> LightRecord {
     if frame.light_count == 0 {
         return LightRecord::EMPTY;
     }
-    let blocks = blocks_in_a_row(frame);
-    let block = UVec2::new(at.y % blocks, at.y / blocks);
-    let first = Rng::for_pixel(block, frame, Stage::CutPixel).next_word();
-    let (mut position, mut normal, mut has_surface) = (Vec3::ZERO, Vec3::ZERO, false);
-    let mut i = 0;
-    while i < 64 && !has_surface {
-        let place = first.wrapping_add(i) & 63;
-        let px = UVec2::new((block.x << 3) + (place & 7), (block.y << 3) + (place >> 3));
-        if px.x < frame.width && px.y < frame.height {
-            let surface = load(surfaces, frame.index_of(px));
-            if !surface.is_settled() {
-                (position, normal, has_surface) = (surface.position(), surface.normal_shading(), true);
-            }
-        }
-        i += 1;
-    }
-    if !has_surface {
+    let block = load(blocks, at.y);
+    if !block.has_surface() {
         return LightRecord::EMPTY;
     }
+    let (position, normal) = (block.position.truncate(), block.normal.truncate());
     let top = Tree::new(lights, frame.light_cuts_at, frame.emitter_count);
     let most = frame.presampled_columns.min(MOST_NODES);
     let mut cut = Cut::EMPTY;
@@ -475,24 +464,25 @@ pub fn cut_record(at: UVec2, frame: &Frame, scene: &Scene, lights: &[u32], surfa
             let mut tree = top;
             let mut place = (position, normal);
             let mut scale = 1.0;
+            let mut to_world = 0;
             if split.emitter != TOP {
                 let mesh = Emitter::new(frame, scene, split.emitter);
                 tree = Tree::new(lights, mesh.tree_at, mesh.count);
                 place = mesh.surface(frame, scene, position, normal);
-                let record = scene.instance_at(frame, mesh.instance);
-                let to_world = record + instance_record::WORLD_FROM_OBJECT;
+                to_world = scene.instance_at(frame, mesh.instance) + instance_record::WORLD_FROM_OBJECT;
                 let x2 = scene.column(to_world, 0).length_squared();
                 let y2 = scene.column(to_world, 1).length_squared();
                 let z2 = scene.column(to_world, 2).length_squared();
                 let mean2 = (x2 + y2 + z2) * (1.0 / 3.0);
                 scale = top.power(lights, top.leaf_of(lights, split.emitter)) / max(mean2, 1e-30);
             }
-            // A child without lights takes no place in the cut.
+            // A child without lights for the block takes no place in the cut.
             let mut has_place = true;
             let mut child = 0;
             while child < 2 {
                 let node = 2 * split.node + child;
-                if tree.power(lights, node) > 0.0 {
+                let (low, high) = world_box(&tree, lights, node, scene, split.emitter == TOP, to_world);
+                if tree.power(lights, node) > 0.0 && block.may_see(low, high) {
                     let bound = bound_of(&tree, lights, node, place.0, place.1);
                     let cluster = cluster_at(&tree, lights, split.emitter, node);
                     let distance2 = max(max(bound.near2, bound.far2 * 1e-4), 1e-30);
@@ -509,13 +499,27 @@ pub fn cut_record(at: UVec2, frame: &Frame, scene: &Scene, lights: &[u32], surfa
                 }
                 child += 1;
             }
-            // Nothing emits below; it must not be split again and again.
+            // Nothing below emits, or lights the block.
             if has_place {
-                cut.set(worst, split, 0.0);
+                cut.remove(worst, count);
+                count -= 1;
             }
         }
     }
     if at.x < count { cut.cluster(at.x).record(count) } else { LightRecord::EMPTY }
+}
+
+/// A box in world space around all points of a node that emit; `to_world` is where the matrix of its mesh stands.
+#[inline(always)]
+fn world_box(tree: &Tree, lights: &[u32], node: u32, scene: &Scene, is_top: bool, to_world: u32) -> (Vec3, Vec3) {
+    let (low, high) = (tree.vector(lights, node, node_field::LOW), tree.vector(lights, node, node_field::HIGH));
+    let (mut center, mut half) = ((low + high) * 0.5, (high - low) * 0.5);
+    if !is_top {
+        center = scene.transform_point(to_world, center);
+        let (x, y, z) = (scene.column(to_world, 0), scene.column(to_world, 1), scene.column(to_world, 2));
+        half = x.abs() * half.x + y.abs() * half.y + z.abs() * half.z;
+    }
+    (center - half, center + half)
 }
 
 /// The cluster of a node: a leaf of the tree over emitters is the root of a mesh.

@@ -23,7 +23,7 @@ use weir_shared::{
 pub use adapter::{AdapterChoice, AdapterFacts, Gpu, adapters, instance};
 pub use error::GpuError;
 pub use memory::GpuScene;
-pub use pipelines::{Loader, Module};
+pub use pipelines::{Loader, Module, Preparation};
 pub use queries::{Bound, RayLimits, Traced, Traversal, bound_with_queries};
 
 use self::{memory::Memory, pipelines::Compiled, timing::Timer};

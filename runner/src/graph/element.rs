@@ -5,7 +5,7 @@ use core::mem::offset_of;
 use bytemuck::Pod;
 use glam::{UVec4, Vec4};
 use weir_shared::{
-    moments::Moments, presample::LightRecord, resample::Candidate, reservoir::Reservoir, surface::Surface,
+    block::Block, moments::Moments, presample::LightRecord, resample::Candidate, reservoir::Reservoir, surface::Surface,
 };
 
 /// A type that fills buffers: whole words, each an integer or a float.
@@ -38,6 +38,10 @@ impl Element for UVec4 {
 impl Element for Surface {
     const FLOAT_WORDS: u32 =
         words(offset_of!(Self, position), 3) | words(offset_of!(Self, error), 1) | words(offset_of!(Self, diffuse), 3);
+}
+
+impl Element for Block {
+    const FLOAT_WORDS: u32 = words(0, 24);
 }
 
 impl Element for LightRecord {

@@ -3,6 +3,7 @@
 mod chain;
 mod look;
 mod picture;
+mod prepared;
 mod second;
 mod shown;
 
@@ -15,6 +16,7 @@ use weir_shared::moments::Moments;
 pub use self::shown::{BudgetFacts, Frames, Inspected, Pixels, SceneFacts, Schedule, Scheduled, Shown};
 use self::{
     chain::{Chain, Place, place},
+    prepared::Prepared,
     second::Second,
 };
 use super::{
@@ -85,6 +87,7 @@ pub struct Engine {
     real_time: Option<Chain>,
     still: Option<Chain>,
     second: Second,
+    prepared: Prepared,
     accumulation: Accumulation,
     estimates: Vec<Estimate>,
     exposure: f32,
@@ -130,6 +133,7 @@ impl Engine {
             real_time: None,
             still: None,
             second: Second::default(),
+            prepared: Prepared::default(),
             accumulation: Accumulation::default(),
             estimates: Vec::new(),
             exposure: 1.0,
@@ -168,6 +172,7 @@ impl Engine {
     /// Lets go of all frames.
     fn forget(&mut self) {
         (self.real_time, self.still, self.second) = (None, None, Second::default());
+        self.prepared = Prepared::default();
         self.key = None;
         self.sequence.cut();
     }
@@ -260,6 +265,7 @@ impl Engine {
             self.light_cuts |= needs_cuts;
             self.repack(&moment)?;
         }
+        let want = &self.ready(want)?;
         if !want.auto_exposure {
             self.exposure = want.exposure;
         }
@@ -277,6 +283,9 @@ impl Engine {
             inspects: want.inspect.is_some(),
         };
         let moved = self.key.as_ref() != Some(&key);
+        // Frames in real time go on until those to come can be computed.
+        let can_stand = want.accumulate && !moved;
+        let waits = can_stand && (self.is_compiling() || !self.is_compiled(want, Technique::Still)?);
         if moved {
             self.estimates.clear();
         }
@@ -285,7 +294,7 @@ impl Engine {
         let refines = want.compare == Compare::Reference || want.view == View::Error;
         let refines = refines && self.estimates.first().is_none_or(|estimate| estimate.count < REFERENCE_SAMPLES);
         let goal = if refines { None } else { Some(want.goal_percent) };
-        let (technique, samples) = match self.accumulation.next(moved, want.accumulate, goal) {
+        let (technique, samples) = match self.accumulation.next(moved || waits, want.accumulate, goal) {
             Mode::Rest => return Ok(None),
             Mode::RealTime => (Technique::RealTime, 0),
             Mode::Still(samples) => (Technique::Still, samples),

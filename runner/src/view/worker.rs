@@ -368,6 +368,7 @@ impl Thread {
         let Some(engine) = &mut self.engine else { return };
         let facts = engine.facts().clone();
         let made = engine.frame(want);
+        let busy = engine.is_compiling().then(|| "compiling passes".to_owned());
         if *engine.facts() != facts {
             self.tell_facts();
         }
@@ -381,6 +382,7 @@ impl Thread {
                 outbox.frame = Some(Arc::new(frames));
                 outbox.serial = self.serial;
                 outbox.resting = false;
+                outbox.busy = busy;
                 drop(outbox);
                 self.done = None;
                 self.record(want);

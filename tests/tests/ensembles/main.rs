@@ -304,6 +304,19 @@ fn every_bug_planted_in_closed_forms_is_caught() {
     bench.assert_biased("what is settled is sampled as well", &settled);
 }
 
+/// Cuts without what no surface of their block sees, where nothing else finds a light.
+const CUTS_ALONE: &[&str] =
+    &["rays=speed", "candidates.source=cuts", "candidates.count=2", "candidates.tree=0", "candidates.bsdf=0"];
+
+#[test]
+fn lights_are_left_out_of_cuts_only_where_no_pixel_of_the_block_sees_them() {
+    let bench = Bench::new(scenarios::standing());
+    let chain = Technique::RealTime;
+    assert_eq!(bench.check(chain, CUTS_ALONE), None);
+    let of_one = bench.planted(planted::bounding_one_pixel_for_its_block(), chain, CUTS_ALONE);
+    bench.assert_biased("what one pixel of a block doesn't see", &of_one);
+}
+
 /// Forms of MIS weights, and rounds of spatial reuse after reuse in time, where ids of lights have to be translated.
 const REORDERED_VARIANTS: &[&[&str]] = &[
     &["rays=speed", "reuse.mis=pairwise", "spatial.rounds=1"],

@@ -8,6 +8,7 @@ use weir_shader::{
 };
 use weir_shared::{
     alias,
+    block::Block,
     closed_form::{NO_TREES, node},
     frame::FramePair,
     reservoir::{MAX_CONFIDENCE, Reservoir},
@@ -245,4 +246,18 @@ pub fn covering_whole_pixels() -> &'static [Pass] {
         kernel::shade_sum::main(frames, band, Buffers::new(&reads, &mut [buffers.write::<u8>()]));
     }
     technique::passes_with_one("shade_sum", shade_sum)
+}
+
+/// What one pixel of a block doesn't see takes no place in the cut of any.
+pub fn bounding_one_pixel_for_its_block() -> &'static [Pass] {
+    fn blocks(frames: &FramePair, band: Band, mut buffers: Buffers) {
+        let surfaces = buffers.read::<u8>();
+        let blocks = buffers.write::<u8>();
+        kernel::light_cuts_blocks::main(frames, band, Buffers::new(&[surfaces], &mut [&mut *blocks]));
+        for block in bytemuck::cast_slice_mut::<u8, Block>(blocks) {
+            (block.low, block.high) = (block.position, block.position);
+            (block.normal_low, block.normal_high) = (block.normal, block.normal);
+        }
+    }
+    technique::passes_with_one("light_cuts_blocks", blocks)
 }

@@ -8,7 +8,9 @@ use weir_shader::{
     candidates::{by_inversion, candidates, resident},
 };
 use weir_shared::{
-    alias, fault,
+    alias,
+    block::Block,
+    fault,
     frame::Frame,
     light::source,
     light_cuts::{self, cut_of, cut_record},
@@ -23,6 +25,7 @@ use weir_shared::{
         instance_record::{LIGHT_CUTS_AT, LIGHT_TREE_AT},
     },
     surface::Surface,
+    tiles::blocks,
 };
 use weir_tests::statistics::Sums;
 
@@ -127,7 +130,11 @@ fn draw_ahead(bench: &Bench, frame: &Frame, presampled: &mut Vec<LightRecord>) {
         source::CELLS => {
             (cell_of(frame, bench.domain().position), |at, f, s, l, _| cell_record::<false, true>(at, f, s, l))
         }
-        source::CUTS => (cut_of(frame, PX), cut_record),
+        source::CUTS => (cut_of(frame, PX), |at, f, s, l, surfaces| {
+            let across = blocks(f.width);
+            let block = |i| Block::of(UVec2::new(i % across, i / across), f, surfaces);
+            cut_record(at, f, s, l, &(0..across * blocks(f.height)).map(block).collect::<Vec<_>>())
+        }),
         _ => return,
     };
     presampled.resize((frame.presampled_columns * frame.presampled_rows) as usize, LightRecord::EMPTY);

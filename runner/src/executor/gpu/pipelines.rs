@@ -1,6 +1,14 @@
 //! From a planned step to a pipeline and its bind groups.
 
-use std::{borrow::Cow, collections::HashMap};
+use std::{
+    borrow::Cow,
+    collections::HashMap,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, Ordering},
+    },
+    thread::JoinHandle,
+};
 
 use weir_shader::wiring::{Access, Extent};
 use weir_shared::{
@@ -10,7 +18,7 @@ use weir_shared::{
 
 use super::{
     Gpu, GpuError, Traced,
-    memory::Memory,
+    memory::{GpuScene, Memory},
     queries::{Acceleration, Bound, NODES, bound_with_queries},
 };
 use crate::graph::{Plan, Planned};
@@ -140,6 +148,71 @@ pub(super) async fn compile(
         compiled.push(Compiled { pass: step.pass.name, extent: step.pass.extent, pipeline, bind_groups });
     }
     Ok(compiled)
+}
+
+/// A thread that compiles the pipelines of a plan, so that nobody has to wait for its first frame. Dropped, it stops after the
+/// one that it is at.
+pub struct Preparation {
+    thread: Option<JoinHandle<Result<(), GpuError>>>,
+    stops: Arc<AtomicBool>,
+}
+
+impl Preparation {
+    /// Starts to compile what the device lacks for frames of a plan on a scene, and keeps that for the next run as well.
+    /// Without a thread, it is left to the first frame.
+    pub fn start(gpu: &Gpu, plan: &Plan, scene: &GpuScene) -> Option<Self> {
+        let (gpu, plan, traced) = (gpu.clone(), plan.clone(), scene.traced(gpu, plan.facts.traversal));
+        let stops = Arc::new(AtomicBool::new(false));
+        let is_stopped = Arc::clone(&stops);
+        let compile = move || {
+            let loader = Loader::Auto.resolve(&gpu, Module::Plain)?;
+            for step in plan.steps.iter().take_while(|_| !is_stopped.load(Ordering::Relaxed)) {
+                pollster::block_on(pass(&gpu, step, loader, Source::of(step, Module::Plain, &traced)))?;
+            }
+            gpu.store_pipelines();
+            Ok(())
+        };
+        let thread = std::thread::Builder::new().name("pipelines".to_owned()).spawn(compile);
+        thread.ok().map(|thread| Self { thread: Some(thread), stops })
+    }
+
+    /// Whether it has come to its end.
+    pub fn is_done(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
+    /// Waits for the end.
+    ///
+    /// # Errors
+    /// If a pipeline can't be compiled or the device fails.
+    pub fn finish(mut self) -> Result<(), GpuError> {
+        let panicked = |_| Err(GpuError::Validation("the driver's compiler panicked".to_owned()));
+        self.thread.take().map_or(Ok(()), |thread| thread.join().unwrap_or_else(panicked))
+    }
+}
+
+impl Drop for Preparation {
+    fn drop(&mut self) {
+        self.stops.store(true, Ordering::Relaxed);
+        // A driver must not be at work when the process ends.
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Gpu {
+    /// Whether the device has the pipelines of all passes of a plan, for frames of a scene: those of the optimised module,
+    /// loaded as it works best.
+    pub fn has_pipelines(&self, plan: &Plan, scene: &GpuScene) -> bool {
+        let Ok(loader) = Loader::Auto.resolve(self, Module::Plain) else { return false };
+        let traced = scene.traced(self, plan.facts.traversal);
+        let cache = self.cache();
+        plan.steps.iter().all(|step| {
+            let source = Source::of(step, Module::Plain, &traced);
+            cache.passes.contains_key(&(loader, source, step.variant.entry_point))
+        })
+    }
 }
 
 /// The module that holds an entry point. Through naga that is all of it, read once; a driver gets no more than it needs,

@@ -2,7 +2,8 @@ use std::collections::HashSet;
 
 use glam::UVec2;
 use weir_shared::{
-    frame::Frame,
+    block,
+    frame::{Frame, skip},
     light::{Address, light_at},
     light_cuts::{Cluster, MOST_NODES, cluster_of, cut_of, cut_record, size_of_cut, walk},
     light_tree::{NO_TREE, Reached},
@@ -17,7 +18,7 @@ use super::*;
 use crate::{
     packed::{
         Moment, PackOptions, PackedScene,
-        light_tree::tests::{addresses, misfit, reaches, surfaces, two_levels, view},
+        light_tree::tests::{addresses, misfit, reaches, surfaces, two_levels, vector, view},
     },
     scene::Scene,
 };
@@ -42,7 +43,17 @@ fn with_and_without_trees() -> Vec<PackedScene> {
     packed
 }
 
-/// A block of pixels that see one surface, and its cut.
+fn surface((position, normal): (Vec3, Vec3)) -> Surface {
+    Surface {
+        position: position.to_array(),
+        normal_shading: octahedral::pack(normal),
+        normal_geometric: octahedral::pack(normal),
+        instance: 1 << 31,
+        ..Surface::default()
+    }
+}
+
+/// A block of pixels, and its cut.
 struct Block<'a> {
     packed: &'a PackedScene,
     frame: Frame,
@@ -52,19 +63,20 @@ struct Block<'a> {
 }
 
 impl<'a> Block<'a> {
-    fn new(packed: &'a PackedScene, (position, normal): (Vec3, Vec3), columns: u32) -> Self {
-        let frame = Frame { width: 8, height: 8, presampled_columns: columns, presampled_rows: 1, ..packed.frame };
-        let seen = Surface {
-            position: position.to_array(),
-            normal_shading: octahedral::pack(normal),
-            normal_geometric: octahedral::pack(normal),
-            instance: 1 << 31,
-            ..Surface::default()
-        };
+    /// With lights that the surface doesn't see.
+    fn new(packed: &'a PackedScene, surface: (Vec3, Vec3), columns: u32) -> Self {
+        Self::with(packed, &[surface; 64], columns, skip::UNSEEN)
+    }
+
+    /// Of pixels that see a surface each; one of them asks.
+    fn with(packed: &'a PackedScene, surfaces: &[(Vec3, Vec3); 64], columns: u32, not_skipped: u32) -> Self {
+        let frame =
+            Frame { width: 8, height: 8, presampled_columns: columns, presampled_rows: 1, not_skipped, ..packed.frame };
         let view = view(packed);
-        let record = |column| cut_record(UVec2::new(column, 0), &frame, &view, &packed.lights, &[seen; 64]);
+        let blocks = [block::Block::of(UVec2::ZERO, &frame, &surfaces.map(surface))];
+        let record = |column| cut_record(UVec2::new(column, 0), &frame, &view, &packed.lights, &blocks);
         let cut = (0..columns).map(record).collect();
-        Self { packed, frame, view, surface: (position, normal), cut }
+        Self { packed, frame, view, surface: surfaces[0], cut }
     }
 
     fn walk(&self, cluster: Cluster, goal: Option<Address>, stream: u32) -> Reached {
@@ -205,6 +217,36 @@ fn lights_below_the_horizon_of_the_cut_are_within_reach_of_others() {
     assert!((sums - other.clusters().count() as f64).abs() < 1e-4, "{sums}");
 }
 
+/// What is left out lights none of a block's surfaces, and only that; what is proved of one surface is not of all.
+#[test]
+fn lights_that_no_surface_of_a_block_sees_take_no_place_in_its_cut() {
+    let (mut left_out, mut reached, mut lost) = (0, 0, 0);
+    for packed in with_and_without_trees() {
+        for (i, (position, normal)) in (0..).zip(surfaces(100)) {
+            let columns = 2 + i % (MOST_NODES - 1);
+            let patch: [(Vec3, Vec3); 64] = core::array::from_fn(|pixel| {
+                let near = |stream| vector(i * 64 + pixel as u32, stream);
+                (position + 0.3 * near(50), (normal + 0.2 * near(51)).normalize())
+            });
+            let block = Block::with(&packed, &patch, columns, 0);
+            let alike = Block::with(&packed, &[patch[0]; 64], columns, 0);
+            for (light, address) in (0..).zip(addresses(&packed)) {
+                let sees = |(p, n): &&(Vec3, Vec3)| reaches(&packed, &packed.frame, light, *p, *n);
+                if let Some(&surface) = patch.iter().find(sees) {
+                    reached += 1;
+                    let of_it = Block { surface, cut: block.cut.clone(), ..Block::with(&packed, &patch, columns, 0) };
+                    let pmf = of_it.walk(of_it.cluster_of(address), Some(address), 0).pmf;
+                    assert!(pmf > 0.0, "light {light} {surface:?} {:?}", block.cut);
+                    lost += u32::from(alike.cluster_of(address).is_none());
+                } else {
+                    left_out += u32::from(block.cluster_of(address).is_none());
+                }
+            }
+        }
+    }
+    assert!(reached > 10_000 && left_out > 5_000 && lost > 100, "{reached} {left_out} {lost}");
+}
+
 #[test]
 fn lights_without_power_take_no_place_and_one_light_is_a_tree() {
     let off = |instances: std::ops::Range<u32>| Moment {
@@ -235,20 +277,16 @@ fn a_block_without_a_surface_has_no_cut_and_blocks_have_rows_of_their_own() {
     let packed = packed_within(&two_levels(false), ALL);
     let frame = Frame { width: 20, height: 9, presampled_columns: 4, presampled_rows: 6, ..packed.frame };
     let sky = vec![Surface::default(); 180];
-    for row in 0..6 {
-        let record = cut_record(UVec2::new(0, row), &frame, &view(&packed), &packed.lights, &sky);
-        assert!(Cluster::of(&record).is_none());
-    }
+    let rows_of = |surfaces: &[Surface]| -> Vec<bool> {
+        let blocks: Vec<_> = (0..6).map(|i| block::Block::of(UVec2::new(i % 3, i / 3), &frame, surfaces)).collect();
+        let record = |row| cut_record(UVec2::new(0, row), &frame, &view(&packed), &packed.lights, &blocks);
+        (0..6).map(|row| !Cluster::of(&record(row)).is_none()).collect()
+    };
+    assert_eq!(rows_of(&sky), [false; 6]);
     // The last block has four columns of pixels in one row, and one of them has a surface.
     let mut surfaces = sky;
     surfaces[8 * 20 + 17] = Surface { normal_shading: octahedral::pack(Vec3::Z), instance: 1 << 31, ..surfaces[0] };
-    let rows: Vec<bool> = (0..6)
-        .map(|row| {
-            let record = cut_record(UVec2::new(0, row), &frame, &view(&packed), &packed.lights, &surfaces);
-            !Cluster::of(&record).is_none()
-        })
-        .collect();
-    assert_eq!(rows, [false, false, false, false, false, true]);
+    assert_eq!(rows_of(&surfaces), [false, false, false, false, false, true]);
     assert_eq!(cut_of(&frame, UVec2::new(17, 8)), 5);
     assert_eq!(weir_shared::light_cuts::cuts_of(20, 9), 6);
 }

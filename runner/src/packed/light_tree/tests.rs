@@ -20,7 +20,7 @@ fn signed(i: u32, j: u32) -> [f32; 4] {
     pcg4d(i, j, 7, 1234).map(|b| (b >> 8) as f32 / 8_388_608.0 - 1.0)
 }
 
-fn vector(i: u32, j: u32) -> Vec3 {
+pub(in crate::packed) fn vector(i: u32, j: u32) -> Vec3 {
     Vec3::from_slice(&signed(i, j))
 }
 

@@ -11,7 +11,7 @@ use crate::{
         cpu::CpuExecutor,
         gpu::{Gpu, GpuError, GpuExecutor, GpuScene, Loader, Module},
     },
-    graph::{Plan, Planned, Slot},
+    graph::{GraphError, Plan, Planned, Slot},
     packed::{Changed, PackedScene},
     render::{Request, facts_of},
     settings::Settings,
@@ -69,6 +69,19 @@ pub(super) fn held(plan: &Plan) -> Option<&'static str> {
     plan.steps.iter().rev().find_map(written)
 }
 
+/// The plan of frames of a request.
+pub(super) fn planned(packed: &PackedScene, request: &Request, outputs: &[&'static str]) -> Result<Plan, GraphError> {
+    let facts = facts_of(packed, request.width, request.height, &request.settings);
+    let with =
+        |outputs: &[&'static str]| direct_light(request.technique, &request.settings, &facts, request.curve, outputs);
+    let plan = with(outputs)?;
+    // The reservoirs of a still have a name for each round; those of the last are the ones to keep.
+    match held(&plan).filter(|_| request.technique == Technique::Still) {
+        Some(held) => with(&[outputs, &[held]].concat()),
+        None => Ok(plan),
+    }
+}
+
 /// Makes the chain unless there is one of the same plan; says whether it did.
 pub(super) fn chain_for(
     chain: &mut Option<Chain>,
@@ -77,16 +90,7 @@ pub(super) fn chain_for(
     request: &Request,
     outputs: &[&'static str],
 ) -> Result<bool, EngineError> {
-    let facts = facts_of(packed, request.width, request.height, &request.settings);
-    let planned =
-        |outputs: &[&'static str]| direct_light(request.technique, &request.settings, &facts, request.curve, outputs);
-    let mut plan = planned(outputs)?;
-    // The reservoirs of a still have a name for each round; those of the last are the ones to keep.
-    if request.technique == Technique::Still
-        && let Some(held) = held(&plan)
-    {
-        plan = planned(&[outputs, &[held]].concat())?;
-    }
+    let plan = planned(packed, request, outputs)?;
     let is_there = |chain: &&mut Chain| chain.technique == request.technique && same(&chain.plan, &plan);
     if let Some(chain) = chain.as_mut().filter(is_there) {
         if chain.plan.facts.spared != plan.facts.spared {
