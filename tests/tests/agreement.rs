@@ -206,7 +206,13 @@ fn cases() -> Vec<Case> {
         ),
         of_variety(
             Technique::Candidates,
-            &["candidates.source=cuts", "candidates.count=4", "candidates.tree=1", "reservoirs.choice=inversion"],
+            &[
+                "candidates.source=cuts",
+                "candidates.count=4",
+                "candidates.tree=1",
+                "reservoirs.choice=inversion",
+                "skip.unseen=off",
+            ],
         ),
         of_variety(Technique::Still, &["candidates.source=cuts", "candidates.tree=0", "cuts.size=3"]),
         of_variety(Technique::Still, &["rays=none", "reuse.mis=1/m", "still.rounds=1", "camera.jitter=off"]),

@@ -63,9 +63,14 @@ fn frames_go_on_while_the_passes_of_other_frames_are_compiled() {
     assert_eq!(passes(&frame(&mut engine, &after)), first, "the others are not there yet");
     assert!(engine.is_compiling());
     let goes_over = (0..MOST).find(|_| passes(&frame(&mut engine, &after)) != first);
-    assert!(goes_over.is_some() && !engine.is_compiling());
+    assert!(goes_over.is_some());
     let second = passes(&frame(&mut engine, &after));
     assert!(second.contains(&"spatial") && !first.contains(&"spatial"), "{second:?}");
+    // The thread may still be about to keep what it has compiled for the next run.
+    assert!((0..MOST).any(|_| {
+        frame(&mut engine, &after);
+        !engine.is_compiling()
+    }));
     // What was compiled is there at once.
     assert_eq!(passes(&frame(&mut engine, &before)), first);
     assert_eq!(passes(&frame(&mut engine, &after)), second);

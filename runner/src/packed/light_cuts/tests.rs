@@ -275,7 +275,14 @@ fn lights_without_power_take_no_place_and_one_light_is_a_tree() {
 #[test]
 fn a_block_without_a_surface_has_no_cut_and_blocks_have_rows_of_their_own() {
     let packed = packed_within(&two_levels(false), ALL);
-    let frame = Frame { width: 20, height: 9, presampled_columns: 4, presampled_rows: 6, ..packed.frame };
+    let frame = Frame {
+        width: 20,
+        height: 9,
+        presampled_columns: 4,
+        presampled_rows: 6,
+        not_skipped: skip::UNSEEN,
+        ..packed.frame
+    };
     let sky = vec![Surface::default(); 180];
     let rows_of = |surfaces: &[Surface]| -> Vec<bool> {
         let blocks: Vec<_> = (0..6).map(|i| block::Block::of(UVec2::new(i % 3, i / 3), &frame, surfaces)).collect();
