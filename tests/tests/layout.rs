@@ -4,7 +4,7 @@ mod spirv;
 
 use std::{collections::BTreeMap, mem::offset_of};
 
-use glam::Vec3;
+use glam::{Vec3, Vec4};
 use rspirv::{
     dr::{Module, load_words},
     spirv::{Capability, Decoration, ExecutionMode, Op, StorageClass},
@@ -19,6 +19,7 @@ use weir_shader::{
     wiring::{Access, Draw, Pass},
 };
 use weir_shared::{
+    block::Block,
     frame::{Frame, FramePair},
     moments::Moments,
     presample::LightRecord,
@@ -70,6 +71,10 @@ impl Member for f32 {
 
 impl Member for Vec3 {
     const SHAPE: &'static str = "f32x3";
+}
+
+impl Member for Vec4 {
+    const SHAPE: &'static str = "f32x4";
 }
 
 impl Member for [f32; 3] {
@@ -195,6 +200,7 @@ fn fields_of(resource: &str) -> Option<Fields> {
         "presampled" => {
             Some(fields!(LightRecord { position, light, area, uv, radiance, pmf, scale, state, emitter, local }))
         }
+        "blocks" => Some(fields!(Block { position, normal, low, high, normal_low, normal_high })),
         "resident" => Some(fields!(Candidate { light, uv, target, weight, fault })),
         "moments" => Some(fields!(Moments { mean, count, carry, faults, deviation, fault })),
         _ => None,
