@@ -238,7 +238,7 @@ fn spared(packed: &PackedScene, settings: &Settings) -> Vec<(&'static str, &'sta
         ),
         (
             content.emitters && source_of(packed, settings) == source::CUTS && !enumerates(packed, settings),
-            Rule::Unseen,
+            Rule::Horizon,
             "lights in cuts",
             "that no surface of the block sees",
         ),

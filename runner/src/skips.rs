@@ -1,7 +1,7 @@
 //! Rules by which work is left out that a scene or its settings have no use for.
 //!
-//! [`Rule::Few`], [`Rule::Presampling`], [`Rule::Unseen`] and [`Rule::ClosedForm`] change which lights are drawn, but not the mean of
-//! pictures. None of the others changes a picture by a bit, but for one: without [`Rule::Updates`], reuse in time finds
+//! [`Rule::Few`], [`Rule::Presampling`], [`Rule::Horizon`] and [`Rule::ClosedForm`] change which lights are drawn, but not
+//! the mean of pictures. None of the others changes a picture by a bit, but for one: without [`Rule::Updates`], reuse in time finds
 //! where a surface was by way of the space of its instance, and rounds twice on the way, so that a neighbour can be another
 //! one. Each can be switched off by `--set skip.NAME=off`; tests and `weir graph --costs` compare what comes out.
 
@@ -48,7 +48,7 @@ pub enum Rule {
     /// mean.
     Presampling,
     /// Lights below the horizon of all surfaces in a block of pixels, in cuts. Changes what is drawn, not its mean.
-    Unseen,
+    Horizon,
     /// Sampling, where light has a closed form. Changes what is drawn, not its mean.
     ClosedForm,
     /// Shadow rays to samples that are known to be visible.
@@ -82,7 +82,7 @@ impl Rule {
         Self::Specular,
         Self::Few,
         Self::Presampling,
-        Self::Unseen,
+        Self::Horizon,
         Self::ClosedForm,
         Self::Known,
         Self::Black,
@@ -107,7 +107,7 @@ impl Rule {
             Self::Specular => "specular",
             Self::Few => "few",
             Self::Presampling => "presampling",
-            Self::Unseen => "unseen",
+            Self::Horizon => "horizon",
             Self::ClosedForm => "closed_form",
             Self::Known => "known",
             Self::Black => "black",
@@ -122,7 +122,7 @@ impl Rule {
 
     /// Whether it changes what is drawn, and with it pictures but not their mean.
     pub fn changes_draws(self) -> bool {
-        matches!(self, Self::Few | Self::Presampling | Self::Unseen | Self::ClosedForm)
+        matches!(self, Self::Few | Self::Presampling | Self::Horizon | Self::ClosedForm)
     }
 
     /// The rule that leaves a feature out of the code of passes; for closed forms, which are code that spares work elsewhere,
@@ -168,7 +168,7 @@ impl Skips {
     pub fn in_passes(self) -> u32 {
         let rules = [
             (Rule::Few, skip::FEW_LIGHTS),
-            (Rule::Unseen, skip::UNSEEN),
+            (Rule::Horizon, skip::UNSEEN),
             (Rule::Known, skip::KNOWN_VISIBLE),
             (Rule::Black, skip::BLACK),
             (Rule::Unlit, skip::UNLIT),

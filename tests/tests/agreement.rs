@@ -211,7 +211,7 @@ fn cases() -> Vec<Case> {
                 "candidates.count=4",
                 "candidates.tree=1",
                 "reservoirs.choice=inversion",
-                "skip.unseen=off",
+                "skip.horizon=off",
             ],
         ),
         of_variety(Technique::Still, &["candidates.source=cuts", "candidates.tree=0", "cuts.size=3"]),

@@ -516,7 +516,7 @@ pub const KNOBS: &[Knob] = &[
         Presampling,
         "tiles, where there are no more lights than a tile has records: they are drawn by power then"
     ),
-    skip!("unseen", Unseen, "lights in cuts that lie below the horizon of all surfaces in a block of 8x8 pixels"),
+    skip!("horizon", Horizon, "lights in cuts that lie below the horizon of all surfaces in a block of 8x8 pixels"),
     skip!(
         "closed_form",
         ClosedForm,
