@@ -168,7 +168,7 @@ impl Skips {
     pub fn in_passes(self) -> u32 {
         let rules = [
             (Rule::Few, skip::FEW_LIGHTS),
-            (Rule::Horizon, skip::UNSEEN),
+            (Rule::Horizon, skip::HORIZON),
             (Rule::Known, skip::KNOWN_VISIBLE),
             (Rule::Black, skip::BLACK),
             (Rule::Unlit, skip::UNLIT),

@@ -60,7 +60,7 @@ impl Block {
             }
             i += 1;
         }
-        if !frame.skips(skip::UNSEEN) {
+        if !frame.skips(skip::HORIZON) {
             (low, high) = (Vec3::splat(-FAR), Vec3::splat(FAR));
             (normal_low, normal_high) = (Vec3::splat(-1.0), Vec3::splat(1.0));
         }
@@ -93,7 +93,6 @@ impl Block {
         let offsets = greatest(absolute(near), absolute(far));
         let coordinates = greatest(absolute(low), absolute(high));
         let margin = sum(offsets) * 1e-5 + sum(coordinates) * 1e-6;
-        // What is not a number proves nothing.
         !(height < -margin)
     }
 }

@@ -7,7 +7,7 @@ use glam::{UVec2, Vec3};
 use crate::tiles;
 
 /// Rules by which passes leave out work that cannot change what they compute or, by [`skip::FEW_LIGHTS`] and
-/// [`skip::UNSEEN`], its mean; bits of [`Frame::not_skipped`].
+/// [`skip::HORIZON`], its mean; bits of [`Frame::not_skipped`].
 pub mod skip {
     /// Lights are drawn even where each could be a candidate.
     pub const FEW_LIGHTS: u32 = 1;
@@ -18,7 +18,7 @@ pub mod skip {
     /// Shadow rays ask for lights that cannot light the surface that they start from.
     pub const UNLIT: u32 = 8;
     /// Cuts hold lights that no surface of their block sees above its horizon.
-    pub const UNSEEN: u32 = 16;
+    pub const HORIZON: u32 = 16;
 }
 
 /// Binding 0 of every pass.

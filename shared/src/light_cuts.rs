@@ -49,6 +49,10 @@ pub const LEAST_POWER: f32 = 1e-20;
 /// Most nodes of a cut.
 pub const MOST_NODES: u32 = 16;
 
+/// Most nodes that are split for a cut. One may have to be split that is above the horizon of the block but holds no light
+/// that is, and so on below, without a place in the cut for it.
+const MOST_SPLITS: u32 = 4 * MOST_NODES;
+
 /// Stands for no emitter: a node of the tree over emitters.
 const TOP: u32 = 0xffff_ffff;
 
@@ -445,8 +449,10 @@ pub fn cut_record(at: UVec2, frame: &Frame, scene: &Scene, lights: &[u32], block
     let root = cluster_at(&top, lights, TOP, 1);
     cut.set(0, root, if is_splittable(frame, scene, lights, root) { 1.0 } else { 0.0 });
     let mut count = 1;
+    let mut splits = 0;
     let mut is_done = false;
-    while count < most && !is_done {
+    while count < most && splits < MOST_SPLITS && !is_done {
+        splits += 1;
         let (mut worst, mut worst_error) = (0, 0.0);
         let mut i = 0;
         while i < count {

@@ -30,7 +30,7 @@ use crate::{
     budget::TimeBudget,
     executor::{
         cpu::Order,
-        gpu::{Gpu, GpuError},
+        gpu::{Gpu, GpuError, Preparation},
     },
     faults::Faults,
     graph::GraphError,
@@ -233,7 +233,13 @@ impl Engine {
     ///
     /// # Errors
     /// If such frames can't be computed.
-    pub fn costs(&self, want: &Want, goes_on: impl FnMut() -> bool) -> Result<Option<Vec<skips::Cost>>, RenderError> {
+    pub fn costs(
+        &mut self,
+        want: &Want,
+        goes_on: impl FnMut() -> bool,
+    ) -> Result<Option<Vec<skips::Cost>>, RenderError> {
+        // A compiler beside them would slow frames down; the errors of its pipelines are those of the frames that need them.
+        let _ = self.prepared.running.take().map(Preparation::finish);
         let mut scene = self.base.clone();
         lights::scatter(&mut scene, self.scattered);
         let backend = match &self.place {
@@ -284,8 +290,8 @@ impl Engine {
         };
         let moved = self.key.as_ref() != Some(&key);
         // Frames in real time go on until those to come can be computed.
-        let can_stand = want.accumulate && !moved;
-        let waits = can_stand && (self.is_compiling() || !self.is_compiled(want, Technique::Still)?);
+        let starts = want.accumulate && !moved && self.accumulation.samples() == 0;
+        let waits = self.prepared.is_behind || (starts && !self.is_compiled(want, Technique::Still)?);
         if moved {
             self.estimates.clear();
         }
@@ -317,7 +323,10 @@ impl Engine {
             let level = budget.level();
             self.real_time.as_mut().map_or(Ok(()), |chain| chain.executor.finish())?;
             let frame = start.elapsed();
-            budget.observe(frame);
+            // What a compiler takes of the time is no reason to lower the quality.
+            if self.prepared.running.is_none() {
+                budget.observe(frame);
+            }
             let (counts, out_of_reach) = (budget.counts(), budget.is_out_of_reach());
             made.budget = Some(BudgetFacts { frame, level, counts, out_of_reach });
         }

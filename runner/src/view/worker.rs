@@ -333,8 +333,9 @@ impl Thread {
 
     /// Until something else is to be done.
     fn measure(&mut self, want: Option<&Want>) {
-        let Some((engine, want)) = self.engine.as_ref().zip(want) else { return };
+        let Some(want) = want.filter(|_| self.engine.is_some()) else { return };
         self.busy(Some("measuring what leaving work out saves".to_owned()));
+        let Some(engine) = &mut self.engine else { return };
         let goes_on = || {
             let inbox = lock(&self.shared.inbox);
             !inbox.stop && inbox.jobs.is_empty()
@@ -368,7 +369,7 @@ impl Thread {
         let Some(engine) = &mut self.engine else { return };
         let facts = engine.facts().clone();
         let made = engine.frame(want);
-        let busy = engine.is_compiling().then(|| "compiling passes".to_owned());
+        lock(&self.shared.outbox).busy = engine.is_compiling().then(|| "compiling passes".to_owned());
         if *engine.facts() != facts {
             self.tell_facts();
         }
@@ -382,7 +383,6 @@ impl Thread {
                 outbox.frame = Some(Arc::new(frames));
                 outbox.serial = self.serial;
                 outbox.resting = false;
-                outbox.busy = busy;
                 drop(outbox);
                 self.done = None;
                 self.record(want);

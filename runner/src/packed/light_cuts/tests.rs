@@ -65,7 +65,7 @@ struct Block<'a> {
 impl<'a> Block<'a> {
     /// With lights that the surface doesn't see.
     fn new(packed: &'a PackedScene, surface: (Vec3, Vec3), columns: u32) -> Self {
-        Self::with(packed, &[surface; 64], columns, skip::UNSEEN)
+        Self::with(packed, &[surface; 64], columns, skip::HORIZON)
     }
 
     /// Of pixels that see a surface each; one of them asks.
@@ -280,7 +280,7 @@ fn a_block_without_a_surface_has_no_cut_and_blocks_have_rows_of_their_own() {
         height: 9,
         presampled_columns: 4,
         presampled_rows: 6,
-        not_skipped: skip::UNSEEN,
+        not_skipped: skip::HORIZON,
         ..packed.frame
     };
     let sky = vec![Surface::default(); 180];

@@ -11,20 +11,29 @@ use crate::{executor::gpu::Preparation, settings::Settings, technique::Technique
 pub(super) struct Prepared {
     /// The settings of the last frame; none if nothing is shown that could go on.
     settings: Option<Settings>,
-    running: Option<Preparation>,
+    /// Whether other settings are wanted.
+    pub(super) is_behind: bool,
+    pub(super) running: Option<Preparation>,
+    /// The device refused something; frames compile what they need themselves, and say or work round what is wrong.
+    gives_up: bool,
 }
 
 impl Engine {
     /// What is wanted; by the settings of the last frame as long as a thread compiles what those that are wanted need. The
     /// first frame, and the first of another scene, waits for its pipelines.
     pub(super) fn ready(&mut self, want: &Want) -> Result<Want, EngineError> {
-        if let Some(running) = self.prepared.running.take_if(|running| running.is_done()) {
-            running.finish()?;
+        if let Some(running) = self.prepared.running.take_if(|running| running.is_done())
+            && let Err(error) = running.finish()
+        {
+            tracing::warn!("passes could not be compiled ahead: {error}");
+            self.prepared.gives_up = true;
         }
         let shown = self.prepared.settings.clone().filter(|_| self.real_time.is_some());
-        match shown.filter(|shown| *shown != want.settings) {
-            Some(settings) if !self.is_compiled(want, Technique::RealTime)? => Ok(Want { settings, ..want.clone() }),
-            _ => {
+        let other = shown.filter(|shown| *shown != want.settings);
+        self.prepared.is_behind = other.is_some() && !self.is_compiled(want, Technique::RealTime)?;
+        match other.filter(|_| self.prepared.is_behind) {
+            Some(settings) => Ok(Want { settings, ..want.clone() }),
+            None => {
                 self.prepared.settings = Some(want.settings.clone());
                 Ok(want.clone())
             }
@@ -36,11 +45,17 @@ impl Engine {
         self.prepared.running.is_some()
     }
 
-    /// Whether frames of a technique can be computed at once. If not, a thread compiles their pipelines, unless it is busy
-    /// with others; frames in real time go on until it is done.
+    /// Whether frames of a technique can be computed at once. If not, a thread compiles their pipelines, as soon as it is done
+    /// with others.
     pub(super) fn is_compiled(&mut self, want: &Want, technique: Technique) -> Result<bool, EngineError> {
         let Place::Gpu(gpu, scene) = &self.place else { return Ok(true) };
-        let plan = planned(self.sequence.packed(), &self.request(want, technique), &outputs_of(want, technique))?;
+        if self.prepared.gives_up {
+            return Ok(true);
+        }
+        let packed = self.sequence.packed();
+        let plan = planned(packed, &self.request(want, technique), &outputs_of(want, technique))?;
+        // Which pipelines these are depends on how rays can be traced.
+        pollster::block_on(scene.accelerate(gpu, packed.buffers(), plan.facts.traversal))?;
         if gpu.has_pipelines(&plan, scene) {
             return Ok(true);
         }

@@ -234,7 +234,7 @@ fn a_scene_that_is_not_there_is_an_error() {
 
 #[test]
 fn what_leaving_work_out_saves_can_be_measured_and_stopped() {
-    let engine = cornell();
+    let mut engine = cornell();
     let want = want(&engine);
     let costs = engine.costs(&want, || true).expect("frames").expect("nobody stops it");
     assert_eq!(costs.len(), crate::skips::Rule::ALL.len() + 3);
