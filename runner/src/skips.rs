@@ -1,9 +1,9 @@
 //! Rules by which work is left out that a scene or its settings have no use for.
 //!
 //! [`Rule::Few`], [`Rule::Presampling`], [`Rule::Horizon`] and [`Rule::ClosedForm`] change which lights are drawn, but not
-//! the mean of pictures. None of the others changes a picture by a bit, but for one: without [`Rule::Updates`], reuse in time finds
-//! where a surface was by way of the space of its instance, and rounds twice on the way, so that a neighbour can be another
-//! one. Each can be switched off by `--set skip.NAME=off`; tests and `weir graph --costs` compare what comes out.
+//! the mean of pictures. None of the others changes a picture by a bit, but for one: without [`Rule::Updates`], reuse in
+//! time finds where a surface was by way of the space of its instance, and rounds twice on the way, so that a neighbour can
+//! be another one. Each can be switched off by `--set skip.NAME=off`; tests and `weir graph --costs` compare what comes out.
 
 mod costs;
 

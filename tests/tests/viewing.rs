@@ -2,11 +2,10 @@
 
 use weir::{
     settings::Settings,
-    technique::{Technique, ToneCurve},
+    technique::Technique,
     view::{
-        buffers::View,
         engine::{Engine, Frames},
-        want::{Compare, Want},
+        want::Want,
     },
 };
 use weir_tests::{own_gpu_or_skip, scenes::cornell};
@@ -17,27 +16,7 @@ const MOST: u32 = 100_000;
 fn want(engine: &Engine, knobs: &[&str]) -> Want {
     let mut settings = Settings::default();
     knobs.iter().for_each(|knob| settings.apply(knob).expect("a knob"));
-    Want {
-        size: [24, 18],
-        camera: engine.home(),
-        settings,
-        seed: 0,
-        curve: ToneCurve::default(),
-        exposure: 1.0,
-        auto_exposure: false,
-        time_s: 0.0,
-        accumulate: false,
-        goal_percent: 1.0,
-        budget_ms: None,
-        view: View::Picture,
-        compare: Compare::Off,
-        inspect: None,
-        edits: Vec::new(),
-        scattered: 0,
-        environment: true,
-        environment_rotation_deg: 0.0,
-        environment_scale: 1.0,
-    }
+    Want { settings, ..Want::plain(engine.home(), [24, 18]) }
 }
 
 fn frame(engine: &mut Engine, want: &Want) -> Frames {

@@ -63,3 +63,30 @@ pub struct Want {
     /// Factor on its radiance.
     pub environment_scale: f32,
 }
+
+impl Want {
+    /// The picture by default settings as it is, without averaging, of a scene in which nothing was changed.
+    pub fn plain(camera: Camera, size: [u32; 2]) -> Self {
+        Self {
+            size,
+            camera,
+            settings: Settings::default(),
+            seed: 0,
+            curve: ToneCurve::default(),
+            exposure: 1.0,
+            auto_exposure: false,
+            time_s: 0.0,
+            accumulate: false,
+            goal_percent: 1.0,
+            budget_ms: None,
+            view: View::Picture,
+            compare: Compare::Off,
+            inspect: None,
+            edits: Vec::new(),
+            scattered: 0,
+            environment: true,
+            environment_rotation_deg: 0.0,
+            environment_scale: 1.0,
+        }
+    }
+}

@@ -3,34 +3,14 @@
 use glam::Vec3;
 
 use super::*;
-use crate::{scene::builtin, settings::Preset, technique::ToneCurve, view::lights::Edit};
+use crate::{scene::builtin, settings::Preset, view::lights::Edit};
 
 fn cornell() -> Engine {
     Engine::new((builtin::find("cornell").expect("built in").build)(), None).expect("it fits")
 }
 
 fn want(engine: &Engine) -> Want {
-    Want {
-        size: [24, 18],
-        camera: engine.home(),
-        settings: Settings::default(),
-        seed: 0,
-        curve: ToneCurve::default(),
-        exposure: 1.0,
-        auto_exposure: false,
-        time_s: 0.0,
-        accumulate: true,
-        goal_percent: 1.0,
-        budget_ms: None,
-        view: View::Picture,
-        compare: Compare::Off,
-        inspect: None,
-        edits: Vec::new(),
-        scattered: 0,
-        environment: true,
-        environment_rotation_deg: 0.0,
-        environment_scale: 1.0,
-    }
+    Want { accumulate: true, ..Want::plain(engine.home(), [24, 18]) }
 }
 
 fn frame(engine: &mut Engine, want: &Want) -> Frames {
