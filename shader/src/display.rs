@@ -5,12 +5,12 @@ use weir_shared::{
     frame::Frame,
     moments::Moments,
     numerics::load,
-    tonemap::{curve, pack_srgb, tone_map},
+    tonemap::{self, curve},
 };
 
 fn display<const CURVE: u32>(px: UVec2, frame: &Frame, moments: &[Moments]) -> u32 {
     let radiance = load(moments, frame.index_of(px)).mean();
-    pack_srgb(tone_map::<CURVE>(radiance * frame.exposure))
+    tonemap::display::<CURVE>(radiance * frame.exposure)
 }
 
 /// 8-bit sRGB, clipped to 0..=1; red in the low byte.

@@ -6,16 +6,17 @@ use weir_shared::{
     closed_form, environment,
     frame::Frame,
     numerics::{load, max, min},
+    ray::FAR,
     scene::Scene,
-    surface::{Surface, surface_at},
+    surface::{Shown, Surface, surface_at},
     trace::Tracer,
 };
 
 /// By what factor the radiance of neighbours differs at an edge.
 const EDGE: f32 = 1.25;
 
-/// A surface of a pixel, and the radiance toward the camera that needs no sampling, as its mean over the pixel; in w which
-/// share of the pixel shows surfaces with light to sample.
+/// A surface of a pixel, and the radiance toward the camera that needs no sampling, as its mean over the pixel; w tells which
+/// share of the pixel shows surfaces with light to sample, see [`Shown`].
 ///
 /// One ray, or several at edges, where most of the noise would be that of what is emitted: a lamp is thousands of times as
 /// bright as the wall beside it. What needs no sampling is what surfaces emit, the sky, and what they reflect where that has a
@@ -36,6 +37,7 @@ pub fn primary<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES: b
     let (mut point, mut choose) = (first.truncate(), first.z);
     let rays = rays_of(px, frame, prev_emitted);
     let (mut chosen, mut emitted, mut sampled) = (Surface::default(), Vec3::ZERO, 0.0);
+    let mut is_bright = false;
     let mut i = 0;
     while i < rays {
         let ray = ray_through(frame, px.x as f32 + point.x, px.y as f32 + point.y);
@@ -45,6 +47,7 @@ pub fn primary<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES: b
             let found = surface_at::<TEXTURES>(frame, scene, &hit, ray.direction);
             surface = found.surface;
             seen = found.emitted;
+            is_bright = is_bright || radiance(seen) > 0.0;
             is_sampled = true;
             if CLOSED_FORM {
                 let reflected = closed_form::reflected(frame, scene, &hit, &found);
@@ -54,8 +57,11 @@ pub fn primary<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES: b
                     is_sampled = false;
                 }
             }
-        } else if ENVIRONMENT {
-            seen = environment::radiance(frame, scene, ray.direction);
+        } else {
+            is_bright = true;
+            if ENVIRONMENT {
+                seen = environment::radiance(frame, scene, ray.direction);
+            }
         }
         // A running mean: a sum could overflow.
         emitted += (seen - emitted) * (1.0 / (i + 1) as f32);
@@ -73,10 +79,15 @@ pub fn primary<const TEXTURES: bool, const ENVIRONMENT: bool, const INSTANCES: b
         point = next_point(point);
         i += 1;
     }
-    (chosen, emitted.extend(sampled / rays as f32))
+    (chosen, emitted.extend(Shown { sampled: sampled / rays as f32, is_bright }.pack()))
 }
 
-/// Camera rays of a pixel: several if what needs no sampling differs between it and its neighbours in the frame before.
+/// Camera rays of a pixel: several if in the frame before some of it and its neighbours had found what emits or the sky and
+/// others had not, or unlike radiance or shares of it; or if what surfaces reflect in closed form differed between the
+/// pixels on either side, or from both.
+///
+/// Where one surface has light in closed form and the next has light to sample, one ray does: as at any edge of surfaces
+/// with light to sample, which do not differ as much as from lamps.
 #[inline(always)]
 fn rays_of(px: UVec2, frame: &Frame, prev_emitted: &[Vec4]) -> u32 {
     let (at_edges, at_first) = (frame.camera_rays & 0xffff, frame.camera_rays >> 16);
@@ -84,25 +95,128 @@ fn rays_of(px: UVec2, frame: &Frame, prev_emitted: &[Vec4]) -> u32 {
     if at_edges < 2 || !is_known {
         return at_first.max(1);
     }
-    let own = load(prev_emitted, frame.index_of(px));
-    let (mut darkest, mut brightest) = (radiance(own), radiance(own));
-    let (mut least, mut most) = (own.w, own.w);
+    let (mut darkest, mut brightest, mut bright) = (FAR, 0.0, 0);
+    let (mut least, mut most) = (1.0, 0.0);
+    let (mut left, mut above, mut own, mut right, mut below) = (UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN);
     let mut i = 0;
     while i < 9 {
-        let x = (px.x + i % 3).max(1) - 1;
-        let y = (px.y + i / 3).max(1) - 1;
+        let (x, y) = ((px.x + i % 3).max(1) - 1, (px.y + i / 3).max(1) - 1);
         let there = load(prev_emitted, frame.index_of(UVec2::new(x.min(frame.width - 1), y.min(frame.height - 1))));
-        darkest = min(darkest, radiance(there));
-        brightest = max(brightest, radiance(there));
-        least = min(least, there.w);
-        most = max(most, there.w);
+        let shown = Shown::unpack(there.w);
+        if shown.is_bright {
+            let radiance = radiance(there.truncate());
+            (darkest, brightest) = (min(darkest, radiance), max(brightest, radiance));
+            (least, most) = (min(least, shown.sampled), max(most, shown.sampled));
+            bright += 1;
+        } else if shown.sampled < 1.0 && ((i & 1) == 1 || i == 4) {
+            let mut reflected = radiance(there.truncate());
+            if shown.sampled > 0.0 {
+                reflected /= 1.0 - shown.sampled;
+            }
+            if i == 1 {
+                above = reflected;
+            } else if i == 3 {
+                left = reflected;
+            } else if i == 4 {
+                own = reflected;
+            } else if i == 5 {
+                right = reflected;
+            } else {
+                below = reflected;
+            }
+        }
         i += 1;
     }
-    if brightest > darkest * EDGE || most > least { at_edges } else { 1 }
+    let is_edge = (bright > 0 && bright < 9)
+        || brightest > darkest * EDGE
+        || most > least
+        || is_between(left, own, right)
+        || is_between(above, own, below);
+    if is_edge { at_edges } else { 1 }
 }
+
+/// Whether an edge seems to go through a pixel with two others on either side, by what is known of each or [`UNKNOWN`].
+#[inline(always)]
+fn is_between(before: f32, own: f32, after: f32) -> bool {
+    differs(before, after) || (differs(before, own) && differs(own, after))
+}
+
+#[inline(always)]
+fn differs(a: f32, b: f32) -> bool {
+    min(a, b) != UNKNOWN && max(a, b) > min(a, b) * EDGE
+}
+
+/// In place of a radiance: nothing is known that needs no sampling.
+const UNKNOWN: f32 = -1.0;
 
 /// The sum of the channels.
 #[inline(always)]
-fn radiance(emitted: Vec4) -> f32 {
+fn radiance(emitted: Vec3) -> f32 {
     emitted.x + emitted.y + emitted.z
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SOME: u32 = 4;
+
+    /// Rays of the middle of nine pixels, given the sum of the channels, the share to sample, and whether bright.
+    fn rays(pixels: [(f32, f32, bool); 9]) -> u32 {
+        let frame = Frame { width: 3, height: 3, has_history: 1, camera_rays: SOME | (2 << 16), ..Frame::default() };
+        let shown = pixels
+            .map(|(sum, sampled, is_bright)| Vec3::new(0.0, sum, 0.0).extend(Shown { sampled, is_bright }.pack()));
+        rays_of(UVec2::ONE, &frame, &shown)
+    }
+
+    #[test]
+    fn edges_of_what_emits_have_several_rays() {
+        let (wall, lamp, sky) = ((0.0, 1.0, false), (9.0, 1.0, true), (0.0, 0.0, true));
+        assert_eq!(rays([wall; 9]), 1);
+        assert_eq!(rays([lamp; 9]), 1);
+        assert_eq!(rays([sky; 9]), 1);
+        for at in 0..9 {
+            let with = |pixel, others: (f32, f32, bool)| {
+                let mut pixels = [others; 9];
+                pixels[at] = pixel;
+                rays(pixels)
+            };
+            assert_eq!(with(lamp, wall), SOME, "{at}");
+            assert_eq!(with(sky, wall), SOME, "{at}");
+            assert_eq!(with((9.5, 1.0, true), lamp), 1, "{at}");
+            assert_eq!(with((18.0, 1.0, true), lamp), SOME, "{at}");
+            // Leaves before a black sky.
+            assert_eq!(with((0.0, 0.5, true), sky), SOME, "{at}");
+        }
+    }
+
+    #[test]
+    fn edges_of_closed_forms_have_several_rays_where_they_go_through_the_pixel() {
+        let (dark, light, unknown) = ((1.0, 0.0, false), (2.0, 0.0, false), (0.0, 1.0, false));
+        let columns = |left, own, right| rays([left, own, right, left, own, right, left, own, right]);
+        let rows = |above, own, below| rays([above, above, above, own, own, own, below, below, below]);
+        for of in [&columns as &dyn Fn(_, _, _) -> u32, &rows] {
+            assert_eq!(of(dark, dark, dark), 1);
+            assert_eq!(of(dark, (1.1, 0.0, false), (1.2, 0.0, false)), 1);
+            assert_eq!(of(dark, dark, light), SOME);
+            assert_eq!(of(dark, light, dark), SOME);
+            // Light that is to be sampled may be as bright, and half of a pixel of it tells what the other half is.
+            assert_eq!(of(dark, unknown, unknown), 1);
+            assert_eq!(of(dark, (0.5, 0.5, false), dark), 1);
+            assert_eq!(of(dark, (1.0, 0.5, false), dark), SOME);
+            assert_eq!(of(dark, unknown, light), SOME);
+        }
+        // Of a pixel's corners only lamps matter.
+        let mut corner = [dark; 9];
+        corner[0] = light;
+        assert_eq!(rays(corner), 1);
+    }
+
+    #[test]
+    fn rays_of_a_frame_without_another_before_it_are_those_of_the_first() {
+        let mut frame = Frame { width: 1, height: 1, camera_rays: SOME | (2 << 16), ..Frame::default() };
+        assert_eq!(rays_of(UVec2::ZERO, &frame, &[]), 2);
+        frame.accumulated = 1;
+        assert_eq!(rays_of(UVec2::ZERO, &frame, &[Vec4::ZERO]), 1);
+    }
 }

@@ -8,7 +8,7 @@ use weir_shared::{
     numerics::{is_finite, load},
     reservoir::Reservoir,
     scene::Scene,
-    surface::Surface,
+    surface::{Shown, Surface},
     target::Domain,
 };
 
@@ -58,14 +58,14 @@ pub fn shade_sum(px: UVec2, frame: &Frame, emitted: &[Vec4], gathered: &[Vec4]) 
 /// written.
 #[inline(always)]
 fn sampled(frame: &Frame, emitted: Vec4) -> u32 {
-    if emitted.w > 0.0 { frame.reservoirs } else { 0 }
+    if Shown::unpack(emitted.w).sampled > 0.0 { frame.reservoirs } else { 0 }
 }
 
 /// What is emitted, and the mean of what the reservoirs reflect, as far as surfaces that do so cover the pixel, unless that
 /// overflows.
 #[inline(always)]
 fn shaded(frame: &Frame, emitted: Vec4, reflected: Vec3, first: u32) -> Vec4 {
-    let color = emitted.truncate() + reflected * (emitted.w / frame.reservoirs as f32);
+    let color = emitted.truncate() + reflected * (Shown::unpack(emitted.w).sampled / frame.reservoirs as f32);
     // Numbers that are not negative: their sum is finite only if each is.
     if is_finite(color.x + color.y + color.z) {
         color.extend(first as f32)

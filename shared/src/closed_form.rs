@@ -66,7 +66,7 @@ pub fn reflected(frame: &Frame, scene: &Scene, hit: &Hit, found: &Found) -> Refl
     }
     let (position, normal) = (found.surface.position(), found.surface.normal_shading());
     let is_smooth = found.surface.normal_shading != found.surface.normal_geometric;
-    let normal_geometric = found.surface.normal_geometric();
+    let normal_geometric = if is_smooth { found.surface.normal_geometric() } else { normal };
     let mut irradiance = Vec3::ZERO;
     let mut id = 0;
     while id < frame.light_count {
@@ -104,12 +104,14 @@ fn is_before(position: Vec3, normal: Vec3, triangle: &WorldTriangle) -> bool {
 #[inline(always)]
 pub fn form_factor(position: Vec3, normal: Vec3, triangle: &WorldTriangle) -> f32 {
     let (a, b, c) = (triangle.a - position, triangle.b - position, triangle.c - position);
-    let mut polygon = Clipped { sum: Vec3::ZERO, leaves_at: Vec3::ZERO, enters_at: Vec3::ZERO };
+    let mut polygon = Clipped { sum: Vec3::ZERO, leaves_at: Vec3::ZERO, enters_at: Vec3::ZERO, is_clipped: false };
     polygon.add(normal, a, triangle.b - triangle.a, b);
     polygon.add(normal, b, triangle.c - triangle.b, c);
     polygon.add(normal, c, triangle.a - triangle.c, a);
-    let along_horizon = edge(polygon.leaves_at, polygon.enters_at - polygon.leaves_at, polygon.enters_at);
-    let doubled = normal.dot(polygon.sum + along_horizon);
+    if polygon.is_clipped {
+        polygon.sum += edge(polygon.leaves_at, polygon.enters_at - polygon.leaves_at, polygon.enters_at);
+    }
+    let doubled = normal.dot(polygon.sum);
     0.5 * max(doubled, -doubled)
 }
 
@@ -119,6 +121,7 @@ struct Clipped {
     /// Where it goes below the horizon, and where it comes up; zero if it does not.
     leaves_at: Vec3,
     enters_at: Vec3,
+    is_clipped: bool,
 }
 
 impl Clipped {
@@ -132,10 +135,12 @@ impl Clipped {
         }
         if at_from < 0.0 {
             start = at_from / (at_from - at_to);
+            self.is_clipped = true;
             self.enters_at = from + along * start;
         }
         if at_to < 0.0 {
             end = at_from / (at_from - at_to);
+            self.is_clipped = true;
             self.leaves_at = from + along * end;
         }
         self.sum += edge(from + along * start, along * (end - start), from + along * end);
@@ -147,8 +152,26 @@ impl Clipped {
 #[inline(always)]
 fn edge(from: Vec3, edge: Vec3, to: Vec3) -> Vec3 {
     let cross = from.cross(edge);
-    let length = sqrt(cross.length_squared());
-    cross * (atan2(length, from.dot(to)) / max(length, 1e-30))
+    let (sine2, cosine) = (cross.length_squared(), from.dot(to));
+    cross * angle_over_sine(sine2, cosine)
+}
+
+/// An angle in `0..=pi` over a multiple of its sine, of which the square is given, and the same multiple of its cosine.
+///
+/// Source: up to pi / 4, Abramowitz and Stegun 1964, 4.4.49, whose relative error is 2e-8.
+#[inline(always)]
+fn angle_over_sine(sine2: f32, cosine: f32) -> f32 {
+    if cosine > 0.0 && sine2 <= cosine * cosine {
+        let over_cosine = 1.0 / cosine;
+        let t2 = sine2 * over_cosine * over_cosine;
+        let t4 = t2 * t2;
+        let first = (1.0 - t2 * 0.333_331_45) + t4 * (0.199_935_51 - t2 * 0.142_089);
+        let second =
+            (0.106_562_64 - t2 * 0.075_289_64) + t4 * (0.042_909_614 - t2 * (0.016_165_737 - t2 * 0.002_866_225_7));
+        return over_cosine * (first + t4 * t4 * second);
+    }
+    let sine = sqrt(sine2);
+    atan2(sine, cosine) / max(sine, 1e-30)
 }
 
 #[cfg(test)]
@@ -210,6 +233,21 @@ mod tests {
             );
         }
         assert!(whole > 60 && cut > 15 && below > 20, "{whole} {cut} {below}");
+    }
+
+    #[test]
+    fn angles_are_those_of_the_arc_tangent() {
+        assert_eq!(angle_over_sine(0.0, 0.0), 0.0);
+        for i in 1..100_000u32 {
+            let exact = f64::from(i) * core::f64::consts::PI / 100_000.0;
+            for size in [1e-12, 1.0, 1e12] {
+                let (sine2, cosine) = ((exact.sin() * size).powi(2) as f32, (exact.cos() * size) as f32);
+                let sine = f64::from(sine2).sqrt();
+                let expected = sine.atan2(f64::from(cosine)) / sine;
+                let actual = f64::from(angle_over_sine(sine2, cosine));
+                assert!((actual - expected).abs() <= 4e-7 * expected, "{exact}: {actual}, not {expected}");
+            }
+        }
     }
 
     /// Half of a sphere of radiance 1 sends pi: here by a pyramid of four triangles so close to the plane that all but a rim

@@ -6,7 +6,7 @@ use glam::Vec3;
 
 use crate::{
     frame::Frame,
-    numerics::{max, min, pack_unorm16, sqrt, unpack_unorm16},
+    numerics::{abs, copysign, max, min, pack_unorm16, sqrt, unpack_unorm16},
     octahedral,
     ray::Hit,
     scene::{NO_TEXTURE, Scene, material_record},
@@ -113,6 +113,29 @@ impl Surface {
     }
 }
 
+/// What the camera rays of a pixel have found, in a word beside its emitted radiance.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shown {
+    /// Share of the pixel with light to sample, in 0..=1.
+    pub sampled: f32,
+    /// Whether a ray has found what emits, or the sky.
+    pub is_bright: bool,
+}
+
+impl Shown {
+    /// As one number: the sign bit tells what is bright.
+    #[inline(always)]
+    pub fn pack(&self) -> f32 {
+        copysign(self.sampled, if self.is_bright { -1.0 } else { 1.0 })
+    }
+
+    /// Inverse of [`Self::pack`].
+    #[inline(always)]
+    pub fn unpack(packed: f32) -> Self {
+        Self { sampled: abs(packed), is_bright: (packed.to_bits() >> 31) != 0 }
+    }
+}
+
 /// A surface, and what it emits toward the ray that found it.
 #[derive(Clone, Copy)]
 pub struct Found {
@@ -175,5 +198,20 @@ pub fn surface_at<const TEXTURES: bool>(frame: &Frame, scene: &Scene, hit: &Hit,
         },
         emitted: if faces_camera || two_sided { emission } else { Vec3::ZERO },
         is_front: faces_camera,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_pixel_shows_survives_packing() {
+        for sampled in [0.0, 0.25, 1.0 / 3.0, 1.0] {
+            for is_bright in [false, true] {
+                let shown = Shown { sampled, is_bright };
+                assert_eq!(Shown::unpack(shown.pack()), shown);
+            }
+        }
     }
 }

@@ -74,17 +74,15 @@ impl CpuExecutor {
     /// Runs one frame; returns the time of each step.
     pub fn run(&mut self, plan: &Plan, scene: SceneBuffers<'_>, frames: &FramePair) -> Vec<(&'static str, Duration)> {
         let is_view_kept = self.view.is_kept(&frames.now);
-        let times = plan
-            .steps
-            .iter()
-            .map(|step| {
-                let start = Instant::now();
-                if !(is_view_kept && step.is_kept) {
-                    self.run_step(plan, step, scene, frames);
-                }
-                (step.pass.name, start.elapsed())
-            })
-            .collect();
+        let run = |step: &Planned| {
+            let start = Instant::now();
+            if !(is_view_kept && step.is_kept) {
+                self.run_step(plan, step, scene, frames);
+            }
+            (step.pass.name, start.elapsed())
+        };
+        // All of it on a thread of the pool, which else would have to be woken for each step.
+        let times = rayon::scope(|_| plan.steps.iter().map(run).collect());
         self.frames += 1;
         times
     }
@@ -175,7 +173,8 @@ pub fn run_kernel(step: &Planned, frames: &FramePair, order: Order, inputs: &[&[
             part.push(chunk);
         }
     }
-    parts.into_par_iter().enumerate().for_each(|(i, mut writes)| {
+    // Work is spread unevenly over a picture, so threads take one band after the other.
+    parts.into_par_iter().enumerate().with_max_len(1).for_each(|(i, mut writes)| {
         let first_row = i as u32 * rows;
         let band = Band { first_row, rows: rows.min(grid.rows - first_row), backwards: order.backwards };
         (step.variant.run)(&frames, band, Buffers::new(inputs, &mut writes));

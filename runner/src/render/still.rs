@@ -285,13 +285,13 @@ pub fn render_reference(
 
 /// Exposed radiance as 8-bit sRGB.
 pub fn display_of(exposed: Vec3, curve: ToneCurve) -> u32 {
-    use weir_shared::tonemap::{curve as number, pack_srgb, tone_map};
-    pack_srgb(match curve {
-        ToneCurve::Clip => tone_map::<{ number::CLIP }>(exposed),
-        ToneCurve::Reinhard => tone_map::<{ number::REINHARD }>(exposed),
-        ToneCurve::Aces => tone_map::<{ number::ACES }>(exposed),
-        ToneCurve::Agx => tone_map::<{ number::AGX }>(exposed),
-    })
+    use weir_shared::tonemap::{curve as number, display};
+    match curve {
+        ToneCurve::Clip => display::<{ number::CLIP }>(exposed),
+        ToneCurve::Reinhard => display::<{ number::REINHARD }>(exposed),
+        ToneCurve::Aces => display::<{ number::ACES }>(exposed),
+        ToneCurve::Agx => display::<{ number::AGX }>(exposed),
+    }
 }
 
 #[cfg(test)]

@@ -474,8 +474,8 @@ pub const KNOBS: &[Knob] = &[
     Knob {
         key: "camera.rays",
         values: "1 to 64",
-        help: "camera rays of a pixel at the edges of what emits light, of the sky and of surfaces whose light has a closed \
-               form, as the frame before shows them; elsewhere there is one. More: less noise there; less: faster",
+        help: "camera rays of a pixel at the edges of what emits light and of the sky, and between surfaces whose light has \
+               a closed form, as the frame before shows them; elsewhere there is one. More: less noise there; less: faster",
         set: |s, text| number(&mut s.camera_rays, text, 1, 64),
         get: |s| text(s.camera_rays),
     },

@@ -1,5 +1,5 @@
-//! Pixels at the edges of lights, of the sky and of surfaces whose light has a closed form have several camera rays: for less
-//! noise, and with the mean of one.
+//! Pixels at the edges of lights and of the sky, and between surfaces whose light has a closed form, have several camera rays:
+//! for less noise, and with the mean of one.
 
 use glam::Vec3;
 use weir::technique::Technique;

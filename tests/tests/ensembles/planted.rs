@@ -241,7 +241,8 @@ pub fn sampling_what_is_settled() -> &'static [Pass] {
 pub fn covering_whole_pixels() -> &'static [Pass] {
     fn shade_sum(frames: &FramePair, band: Band, mut buffers: Buffers) {
         let [emitted, gathered]: [&[Vec4]; 2] = [buffers.read(), buffers.read()];
-        let emitted: Vec<Vec4> = emitted.iter().map(|e| e.truncate().extend(e.w.ceil())).collect();
+        let emitted: Vec<Vec4> =
+            emitted.iter().map(|e| e.truncate().extend(if e.w == 0.0 { 0.0 } else { 1.0 })).collect();
         let reads = [bytemuck::cast_slice(&emitted), bytemuck::cast_slice(gathered)];
         kernel::shade_sum::main(frames, band, Buffers::new(&reads, &mut [buffers.write::<u8>()]));
     }
