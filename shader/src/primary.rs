@@ -95,44 +95,64 @@ fn rays_of(px: UVec2, frame: &Frame, prev_emitted: &[Vec4]) -> u32 {
     if at_edges < 2 || !is_known {
         return at_first.max(1);
     }
-    let (mut darkest, mut brightest, mut bright) = (FAR, 0.0, 0);
-    let (mut least, mut most) = (1.0, 0.0);
-    let (mut left, mut above, mut own, mut right, mut below) = (UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN, UNKNOWN);
+    let mut bright = 0;
     let mut i = 0;
     while i < 9 {
-        let (x, y) = ((px.x + i % 3).max(1) - 1, (px.y + i / 3).max(1) - 1);
-        let there = load(prev_emitted, frame.index_of(UVec2::new(x.min(frame.width - 1), y.min(frame.height - 1))));
-        let shown = Shown::unpack(there.w);
-        if shown.is_bright {
-            let radiance = radiance(there.truncate());
-            (darkest, brightest) = (min(darkest, radiance), max(brightest, radiance));
-            (least, most) = (min(least, shown.sampled), max(most, shown.sampled));
-            bright += 1;
-        } else if shown.sampled < 1.0 && ((i & 1) == 1 || i == 4) {
-            let mut reflected = radiance(there.truncate());
-            if shown.sampled > 0.0 {
-                reflected /= 1.0 - shown.sampled;
-            }
-            if i == 1 {
-                above = reflected;
-            } else if i == 3 {
-                left = reflected;
-            } else if i == 4 {
-                own = reflected;
-            } else if i == 5 {
-                right = reflected;
-            } else {
-                below = reflected;
-            }
-        }
+        bright += u32::from(Shown::unpack(load(prev_emitted, neighbor(px, frame, i)).w).is_bright);
         i += 1;
     }
-    let is_edge = (bright > 0 && bright < 9)
-        || brightest > darkest * EDGE
-        || most > least
-        || is_between(left, own, right)
-        || is_between(above, own, below);
+    let is_edge = if bright == 0 {
+        let own = reflected(load(prev_emitted, neighbor(px, frame, 4)));
+        let mut is_edge = false;
+        i = 1;
+        // Above and below, left and right.
+        while i < 4 {
+            let before = reflected(load(prev_emitted, neighbor(px, frame, i)));
+            let after = reflected(load(prev_emitted, neighbor(px, frame, 8 - i)));
+            is_edge = is_edge || is_between(before, own, after);
+            i += 2;
+        }
+        is_edge
+    } else {
+        bright < 9 || is_uneven(px, frame, prev_emitted)
+    };
     if is_edge { at_edges } else { 1 }
+}
+
+/// Where neighbour `i` of nine is in memory; those beyond the border are those on it.
+#[inline(always)]
+fn neighbor(px: UVec2, frame: &Frame, i: u32) -> u32 {
+    let (x, y) = ((px.x + i % 3).max(1) - 1, (px.y + i / 3).max(1) - 1);
+    frame.index_of(UVec2::new(x.min(frame.width - 1), y.min(frame.height - 1)))
+}
+
+/// Whether the radiance of nine bright pixels, or the share of them with light to sample, differs.
+fn is_uneven(px: UVec2, frame: &Frame, prev_emitted: &[Vec4]) -> bool {
+    let (mut darkest, mut brightest) = (FAR, 0.0);
+    let (mut least, mut most) = (1.0, 0.0);
+    let mut i = 0;
+    while i < 9 {
+        let there = load(prev_emitted, neighbor(px, frame, i));
+        let (radiance, sampled) = (radiance(there.truncate()), Shown::unpack(there.w).sampled);
+        (darkest, brightest) = (min(darkest, radiance), max(brightest, radiance));
+        (least, most) = (min(least, sampled), max(most, sampled));
+        i += 1;
+    }
+    brightest > darkest * EDGE || most > least
+}
+
+/// What surfaces of a pixel that is not bright reflect in closed form, or [`UNKNOWN`].
+#[inline(always)]
+fn reflected(emitted: Vec4) -> f32 {
+    let sampled = Shown::unpack(emitted.w).sampled;
+    let sum = radiance(emitted.truncate());
+    if sampled == 0.0 {
+        sum
+    } else if sampled < 1.0 {
+        sum / (1.0 - sampled)
+    } else {
+        UNKNOWN
+    }
 }
 
 /// Whether an edge seems to go through a pixel with two others on either side, by what is known of each or [`UNKNOWN`].

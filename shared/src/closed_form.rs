@@ -64,7 +64,7 @@ pub fn reflected(frame: &Frame, scene: &Scene, hit: &Hit, found: &Found) -> Refl
     if (word & known) == 0 {
         return unknown;
     }
-    let (position, normal) = (found.surface.position(), found.surface.normal_shading());
+    let (position, normal) = (found.surface.position(), found.normal);
     let is_smooth = found.surface.normal_shading != found.surface.normal_geometric;
     let normal_geometric = if is_smooth { found.surface.normal_geometric() } else { normal };
     let mut irradiance = Vec3::ZERO;

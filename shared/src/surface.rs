@@ -143,6 +143,8 @@ pub struct Found {
     pub surface: Surface,
     /// Emitted radiance toward the ray's origin.
     pub emitted: Vec3,
+    /// The shading normal before it was packed.
+    pub normal: Vec3,
     /// Whether the ray has found the front face.
     pub is_front: bool,
 }
@@ -197,6 +199,7 @@ pub fn surface_at<const TEXTURES: bool>(frame: &Frame, scene: &Scene, hit: &Hit,
             instance: hit.instance | PRESENT,
         },
         emitted: if faces_camera || two_sided { emission } else { Vec3::ZERO },
+        normal: normal_shading,
         is_front: faces_camera,
     }
 }
