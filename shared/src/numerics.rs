@@ -234,7 +234,7 @@ pub fn pow(x: f32, y: f32) -> f32 {
     if x > 0.0 { exp2(y * log2(x)) } else { 0.0 }
 }
 
-/// [`log2`] of each coordinate, with its error: on a CPU as fast as of one.
+/// [`log2`] of each coordinate, with its error: in vectors on a CPU.
 #[inline(always)]
 pub fn log2_of_each(x: Vec4) -> Vec4 {
     let (exponent, fraction) = exponents(x);
@@ -242,7 +242,7 @@ pub fn log2_of_each(x: Vec4) -> Vec4 {
     let exponent = exponent + Vec4::select(is_upper, Vec4::ONE, Vec4::ZERO);
     let r = fraction * Vec4::select(is_upper, Vec4::splat(0.5), Vec4::ONE) - Vec4::ONE;
     let r2 = r * r;
-    // By pairs (Estrin 1960): a chain of products would take three times as long.
+    // By pairs (Estrin 1960), so that fewer products wait for each other than in a chain.
     let r4 = r2 * r2;
     let first =
         (Vec4::splat(3.333_333_1e-1) - r * 2.499_999_4e-1) + (Vec4::splat(2.000_071_5e-1) - r * 1.666_805_8e-1) * r2;
@@ -266,7 +266,7 @@ fn exponents(x: Vec4) -> (Vec4, Vec4) {
     )
 }
 
-/// [`exp2`] of each coordinate, with its error: on a CPU as fast as of one.
+/// [`exp2`] of each coordinate, with its error: in vectors on a CPU.
 #[inline(always)]
 pub fn exp2_of_each(x: Vec4) -> Vec4 {
     let x = x.max(Vec4::splat(-126.0)).min(Vec4::splat(127.0));
@@ -281,7 +281,7 @@ pub fn exp2_of_each(x: Vec4) -> Vec4 {
     polynomial * Vec4::new(power(a), power(b), power(c), power(d))
 }
 
-/// [`pow`] of each coordinate, with its error: on a CPU as fast as of one.
+/// [`pow`] of each coordinate, with its error: in vectors on a CPU.
 #[inline(always)]
 pub fn pow_of_each(x: Vec4, y: Vec4) -> Vec4 {
     Vec4::select(x.cmpgt(Vec4::ZERO), exp2_of_each(y * log2_of_each(x)), Vec4::ZERO)
